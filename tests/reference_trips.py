@@ -173,7 +173,7 @@ def passing(reference: Reference, seed: int, speed: float, distance: float = 0.9
 
     when, gap_there = least(gap, 0.0, reference.tau)
     motion = {"position": position, "velocity": velocity, "acceleration": acceleration}
-    return Passing({key: value.tolist() for key, value in motion.items()}, when, gap_there)
+    return Passing({"time": 0.0} | {key: value.tolist() for key, value in motion.items()}, when, gap_there)
 
 
 def verdict(scenario: sp.Scenario, trip: Trip, zones: tuple[ThreatZone, ...] | None = None) -> sp.Certificate:

@@ -53,22 +53,21 @@ def clearances(
 
 def _each_future(data: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each obstacle by its name, and of one with several futures each that is possible, as obstacles of their own."""
-    start = float(data["start"]["time"])
     for obstacle in data.get("obstacles", ()):
         name = str(obstacle["id"])
         motion = obstacle.get("motion") or {}
         futures = motion.get("futures")
         if futures is None:
-            yield name, {**obstacle, "motion": _timed(motion, start)} if motion else obstacle
+            yield name, {**obstacle, "motion": _timed(motion, data)} if motion else obstacle
             continue
         for k, future in enumerate(futures):
             if float(future["weight"]) > 0.0:
-                yield f"{name}[{k}]", {**obstacle, "motion": _timed(future["motion"], start)}
+                yield f"{name}[{k}]", {**obstacle, "motion": _timed(future["motion"], data)}
 
 
-def _timed(motion: Mapping[str, Any], start: float) -> Mapping[str, Any]:
-    """A motion that says when it holds: at the start, s, where it did not."""
-    return motion if motion.get("time") is not None else {**motion, "time": start}
+def _timed(motion: Mapping[str, Any], data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A motion that says when it holds: at the start of a scenario, where it did not."""
+    return motion if motion.get("time") is not None else {**motion, "time": float(data["start"]["time"])}
 
 
 def _is_course(motion: Mapping[str, Any]) -> bool:

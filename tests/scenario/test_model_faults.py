@@ -111,7 +111,7 @@ def test_the_error_survives_pickling(scenario_data: dict[str, Any]) -> None:
 def test_the_start_may_touch_what_is_gone_by_then(scenario_data: dict[str, Any]) -> None:
     """Where an obstacle is at the start counts, not where it was at t = 0."""
     scenario_data["obstacles"] = [
-        {"id": "a", "shape": {"disc": 0.5}, "motion": {"position": [0, 0], "velocity": [0, 1]}}
+        {"id": "a", "shape": {"disc": 0.5}, "motion": {"time": 0.0, "position": [0, 0], "velocity": [0, 1]}}
     ]
     scenario_data["start"]["time"] = 3.0
     assert Scenario(**scenario_data).start.time == 3.0

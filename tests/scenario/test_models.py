@@ -47,7 +47,7 @@ def test_load_reads_every_field(suffix: str, scenario_data: dict[str, Any], tmp_
     assert (scenario.confidence.probability, scenario.confidence.level) == (0.95, ConfidenceLevel.JOINT)
     crosser, seen = scenario.obstacles
     assert crosser.shape == Disc(disc=0.5)
-    assert crosser.motion == Motion(position=(10.0, -4.0), velocity=(0.0, 1.2), acceleration=(0.0, -0.1))
+    assert crosser.motion == Motion(time=0.0, position=(10.0, -4.0), velocity=(0.0, 1.2), acceleration=(0.0, -0.1))
     assert crosser.observations is None
     assert seen.shape == Rectangle(rectangle=(1.2, 0.8))
     assert seen.motion is None
@@ -74,7 +74,7 @@ def test_what_may_be_left_out_has_defaults() -> None:
     assert (scenario.guide, scenario.bounds) == (None, None)
     assert (scenario.confidence.probability, scenario.confidence.level) == (0.95, "joint")
     (obstacle,) = scenario.obstacles
-    assert obstacle.motion == Motion(position=(3.0, 3.0), velocity=(0.0, 0.0), acceleration=(0.0, 0.0))
+    assert obstacle.motion == Motion(time=0.0, position=(3.0, 3.0), velocity=(0.0, 0.0), acceleration=(0.0, 0.0))
     assert obstacle.margin == 0.0
     assert obstacle.model.order == 2
 

@@ -97,7 +97,7 @@ def test_every_quantity_is_divided_by_the_unit_of_its_dimension() -> None:
             "tails": {"degrees_of_freedom": 5.0, "lead_time": [1.0, 2.0], "inflation": [1.0, 1.5]},
         }
     )
-    motion = {"position": [5.0, 3.0], "velocity": [1.0, 0.0], "acceleration": [0.0, 0.4]}
+    motion = {"time": 0.0, "position": [5.0, 3.0], "velocity": [1.0, 0.0], "acceleration": [0.0, 0.4]}
     given = scene(
         {"id": "p", "shape": {"polygon": [[0, 0], [4, 0], [0, 2]]}, "motion": motion},
         {"id": "e", "shape": {"ellipse": [4, 2]}, "motion": {"time": [0.0, 20.0], "position": [[9, 9], [9, 12]]}},
@@ -111,10 +111,10 @@ def test_every_quantity_is_divided_by_the_unit_of_its_dimension() -> None:
     inside = units.scenario(given)
     p, e, r, q = inside.obstacles
     assert p.shape.model_dump() == {"polygon": ((0, 0), (2, 0), (0, 1))}
-    # position + velocity t + acceleration t^2 / 2 at t = 10 s
     assert p.motion.model_dump() == {  # type: ignore[union-attr]
-        "position": (7.0, 12.0),
-        "velocity": (2.5, 10.0),
+        "time": -2.0,
+        "position": (2.0, 2.0),
+        "velocity": (2.5, 0.0),
         "acceleration": (0.0, 5.0),
     }
     assert e.motion.model_dump()["time"] == (-2.0, 2.0)  # type: ignore[union-attr]

@@ -24,6 +24,7 @@ def figure(obstacle: sp.Obstacle, t: float) -> Polygon:
     assert isinstance(motion, sp.Motion) and not isinstance(shape, sp.Disc)
 
     def centre(time: float) -> Array:
+        time -= motion.reference_time
         return (
             np.array(motion.position) + time * np.array(motion.velocity) + time**2 / 2 * np.array(motion.acceleration)
         )

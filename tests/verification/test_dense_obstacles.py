@@ -33,6 +33,7 @@ def test_touching_an_accelerating_disc_holds_and_a_millimetre_inside_is_caught(l
         velocity = np.array([3.0, 0.0]) - acceleration * when
         place = np.array([meeting, keep]) - velocity * when - acceleration * when**2 / 2.0
         motion = {
+            "time": 0.0,
             "position": place.tolist(),
             "velocity": velocity.tolist(),
             "acceleration": acceleration.tolist(),
