@@ -18,7 +18,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
-from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, shown_states
+from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, shown_states, velocities
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import read_commonroad
 from scp_planner.scenario.commonroad_models import Car, VehicleModel, car_named, centre_of, default_car
@@ -28,10 +28,6 @@ COSTS = ("JB1", "SM1", "WX1")
 
 HITCH_STEPS = 20
 """To a step of the file, of the integral of the trailer's angle."""
-
-LEAST_SPEED = 1e-6
-"""Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
-told by nothing."""
 
 
 def export_commonroad_solution(
@@ -109,10 +105,9 @@ def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car)
     places = shown[:, :STEERING] + centre_of(car, model) * along
     steps = range(first, first + count + 1)
     if model is VehicleModel.PM:
-        velocity = np.maximum(speed, LEAST_SPEED * car.speed)[:, None] * along
         return [
             state.PMState(time_step=k, position=place, velocity=float(v[0]), velocity_y=float(v[1]))
-            for k, place, v in zip(steps, places, velocity, strict=True)
+            for k, place, v in zip(steps, places, velocities(shown, car), strict=True)
         ]
     steering = shown[:, STEERING]
     shared = [

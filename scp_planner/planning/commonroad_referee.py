@@ -1,11 +1,10 @@
 """States between which CommonRoad's official checker finds the inputs that join them.
 
-The checker looks for constant inputs by a local search (SLSQP, from none at all) for the state that comes nearest.
-Above the switching speed the acceleration is cut off at a limit, beyond which the distance is the same for all inputs:
-a search that steps there stays there, and what can be driven exactly is called not feasible. It happens where steps are
-so long that a place which the limit leads to is another one, and most of all where a car drives straight. Steering
-angles that differ by next to nothing lead most such searches another way. And where inputs change much in a step, no
-constant ones lead to the next state.
+The checker looks for constant inputs by a local search (SLSQP, from none at all) for the state that comes nearest, and
+the search may end where it should not: at once, or above the switching speed, where the acceleration is cut off at a
+limit beyond which the distance is the same for all inputs. What can be driven exactly is called not feasible then. So
+the checker's search is made here for each step. Steering angles that differ by next to nothing lead most searches that
+fail another way. And where inputs change much in a step, no constant ones lead to the next state.
 
 Source: `feasibility_checker.state_transition_feasibility` of commonroad-drivability-checker 2025.4.0; kinematic single
 track of M. Althoff and G. Wuersching, "CommonRoad: Vehicle Models", 2020.
@@ -19,9 +18,9 @@ import numpy as np
 from scipy.integrate import odeint
 from scipy.optimize import Bounds, minimize
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad_models import Car, VehicleModel
+from scp_planner.scenario.commonroad_models import Car, VehicleModel, centre_of
 
 ON_A_STEP = 0.02
 """Part of a step by which an arrival may miss one: the plan keeps its arrival to half of that."""
@@ -32,15 +31,15 @@ STEERING, SPEED, HEADING = 2, 3, 4
 SAME = np.array([0.02, 0.02, 0.03])
 """m along each axis, and rad: states that differ by less are one. Beyond it a miss of places and speed counts twice."""
 
+SAME_POINT = np.full(4, 0.02)
+"""m and m/s along each axis: states of a point mass that differ by less are one."""
+
 OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))
-"""What inputs that cannot be count as."""
+"""Cost of inputs that cannot be."""
 
-DOUBTFUL = 0.5
-"""Of what is noticed: where so much is missed by the inputs that the speeds and steering angles ask for, or would be if
-the acceleration were at its limit, the checker's search is made."""
-
-CLEARLY = 0.99
-"""Of what is noticed: what a place of a point mass may miss, which the search can but lessen."""
+LEAST_SPEED = 1e-6
+"""Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
+told by nothing."""
 
 NUDGES = tuple(sign * size for size in (1e-6, 1e-5, 3e-5, 1e-4) for sign in (1.0, -1.0))
 """Changes of a steering angle that are tried, rad."""
@@ -61,7 +60,7 @@ def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
     Returns
     -------
     array
-        (n, 5), as in `findable`.
+        (n, 5), as in `joined`.
 
     Raises
     ------
@@ -97,131 +96,113 @@ def shown_states(plan: Plan, step: float, model: VehicleModel, car: Car, orienta
     Returns
     -------
     array or None
-        (n, 5), as in `findable`.
+        (n, 5), as in `joined`.
 
     Raises
     ------
     ValueError
         If the plan does not arrive on a step of the file.
     """
-    states = axle_states(plan, step, car, orientation)
-    if model is not VehicleModel.PM:
-        return joined(states, step, car)
-    along = np.stack([np.cos(states[:, HEADING]), np.sin(states[:, HEADING])], axis=1)
-    velocity = states[:, SPEED, None] * along
-    missed = np.diff(states[:, :STEERING], axis=0) - 0.5 * step * (velocity[1:] + velocity[:-1])
-    pushed = np.hypot(*np.diff(velocity, axis=0).T) / step
-    return states if (np.abs(missed) < CLEARLY * SAME[0]).all() and (pushed < car.acceleration).all() else None
+    return joined(axle_states(plan, step, car, orientation), step, model, car)
 
 
-def joined(states: Array, step: float, car: Car) -> Array | None:
-    """Return states once they are made findable; None if the checker does not find all inputs between them then.
-
-    Parameters
-    ----------
-    states, step, car
-        As in `findable`.
-
-    Returns
-    -------
-    array or None
-    """
-    shown = findable(states, step, car)
-    doubtful = _doubtful(shown, step, car).tolist()
-    return shown if all(found(shown[k], shown[k + 1], step, car) for k in doubtful) else None
-
-
-def findable(states: Array, step: float, car: Car) -> Array:
-    """Return states that differ by next to nothing in their steering angle, between which the checker finds inputs.
+def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array | None:
+    """Return states, some of them with another steering angle by next to nothing, between which the checker finds inputs.
 
     Parameters
     ----------
     states : array
-        Places of the rear axle, m, steering angle, rad, speed, m/s, heading, rad, at steps; (n, 5).
+        Places of the reference point, m, steering angle, rad, speed, m/s, heading, rad, at steps; (n, 5).
     step : float
         s.
+    model : VehicleModel
     car : Car
 
     Returns
     -------
-    array
-        (n, 5); a state for which nothing else is found stays as it is.
+    array or None
+        (n, 5); None where nothing is found.
     """
     shown = states.copy()
-    for k in _doubtful(states, step, car).tolist():
-        if found(shown[k], shown[k + 1], step, car):
+
+    def leads(before: Array, after: Array) -> bool:
+        return found(before, after, step, model, car)
+
+    for k in range(len(shown) - 1):
+        if leads(shown[k], shown[k + 1]):
             continue
-        for nudge in NUDGES:
+        for nudge in NUDGES if model is not VehicleModel.PM else ():
             tried = shown[k].copy()
             tried[STEERING] += nudge
-            if found(tried, shown[k + 1], step, car) and (k == 0 or found(shown[k - 1], tried, step, car)):
+            if leads(tried, shown[k + 1]) and (k == 0 or leads(shown[k - 1], tried)):
                 shown[k] = tried
                 break
+        else:
+            return None
     return shown
 
 
-def found(before: Array, after: Array, step: float, car: Car) -> bool:
+def velocities(states: Array, car: Car) -> Array:
+    """Return the velocities of a point mass in some states, (n, 5), as they are written; (n, 2) m/s."""
+    speed, heading = np.maximum(states[:, SPEED], LEAST_SPEED * car.speed), states[:, HEADING]
+    return speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+
+
+def found(before: Array, after: Array, step: float, model: VehicleModel, car: Car) -> bool:
     """Tell whether the checker finds inputs that lead from one state to the next.
 
     Parameters
     ----------
     before, after : array
-        (5,), as in `findable`.
-    step : float
-        s.
-    car : Car
+        (5,), as in `joined`.
+    step, model, car
+        As in `joined`.
 
     Returns
     -------
     bool
     """
-    bounds = Bounds([-car.steering_rate, -car.acceleration], [car.steering_rate, car.acceleration])
+    point = model is VehicleModel.PM
+    pair = np.stack([before, after])
+    if point:
+        pair = np.hstack([pair[:, :STEERING], velocities(pair, car)])
+    else:  # as it is read from a file of the car's centres
+        ahead = centre_of(car, model) * np.stack([np.cos(pair[:, HEADING]), np.sin(pair[:, HEADING])], axis=1)
+        pair[:, :STEERING] = (pair[:, :STEERING] + ahead) - ahead
+    reached_from = _point_reached if point else _car_reached
+    first = car.acceleration if point else car.steering_rate
+    bounds = Bounds([-first, -car.acceleration], [first, car.acceleration])
 
     def miss(inputs: Array) -> float:
-        reached = _reached(before, inputs, step, car)
+        reached = reached_from(pair[0], inputs, step, car)
         if reached is None:
             return OUT_OF_BOUNDS
-        apart = after - reached
-        far = np.append(apart[[0, 1, SPEED]], _turned(after, reached))
+        apart = pair[1] - reached
+        if point:
+            return float(np.linalg.norm(apart))
+        far = np.append(apart[[0, 1, SPEED]], _turned(pair[1], reached))
         over = np.abs(far[:3]) - SAME
         return float(np.linalg.norm(far) + np.linalg.norm(np.maximum(over, 0.0)))
 
     best = minimize(miss, np.zeros(2), method="SLSQP", bounds=bounds, options={"maxiter": 100, "ftol": 1e-8}).x
-    reached = _reached(before, best, step, car)
+    reached = reached_from(pair[0], best, step, car)
     if reached is None:
         return False
-    far = np.append(np.abs((after - reached)[:2]), _turned(after, reached))
-    return bool((np.round(far, 4) < SAME).all())
+    apart = np.abs(pair[1] - reached)
+    far, same = (apart, SAME_POINT) if point else (np.append(apart[:2], _turned(pair[1], reached)), SAME)
+    return bool((np.round(far, 4) < same).all())
 
 
-def _doubtful(states: Array, step: float, car: Car) -> Index:
-    """From which states the checker might not find its way to the next."""
-    before, after = states[:-1], states[1:]
-    inputs = (after - before)[:, [STEERING, SPEED]] / step
-    # By Runge and Kutta's classic step, of all at once.
-    reached, now, weights = before.copy(), before, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-    for weight, part in zip(weights, (0.5, 0.5, 1.0, 0.0), strict=True):
-        change = _change(now, inputs, car)
-        reached, now = reached + weight * step * change, before + part * step * change
-    missed = np.abs(after - reached)[:, [0, 1, HEADING]]
-    rise, speed = inputs[:, 1], np.maximum(before[:, SPEED], car.switching_speed)
-    most = car.acceleration * car.switching_speed / speed
-    cut = (rise > 0.0) & (after[:, SPEED] > car.switching_speed)
-    beyond = cut & (0.5 * step**2 * (most - rise) > DOUBTFUL * SAME[0])
-    doubtful: Index = np.flatnonzero(beyond | (missed > DOUBTFUL * SAME).any(axis=1))
-    return doubtful
+def _point_reached(state: Array, inputs: Array, step: float, car: Car) -> Array | None:
+    """State of a point mass that constant accelerations lead to; None if they are out of bounds or of the circle."""
+    if (np.abs(np.round(inputs, 4)) > car.acceleration).any() or np.linalg.norm(inputs) > car.acceleration:
+        return None
+    moved = state[:2] + step * state[2:] + 0.5 * step**2 * inputs
+    return np.append(moved, state[2:] + step * inputs)
 
 
-def _change(states: Array, inputs: Array, car: Car) -> Array:
-    """How fast states change with inputs that break no limit, (n, 5)."""
-    speed, heading = states[:, SPEED], states[:, HEADING]
-    bend = np.tan(states[:, STEERING]) / car.wheelbase
-    moved = (speed * np.cos(heading), speed * np.sin(heading), inputs[:, 0], inputs[:, 1], speed * bend)
-    return np.stack(moved, axis=1)
-
-
-def _reached(state: Array, inputs: Array, step: float, car: Car) -> Array | None:
-    """The state that constant inputs lead to; none if they are out of bounds or of the friction circle."""
+def _car_reached(state: Array, inputs: Array, step: float, car: Car) -> Array | None:
+    """State that constant inputs lead to; None if they are out of bounds or of the friction circle."""
     rate, acceleration = float(inputs[0]), float(inputs[1])
     if abs(round(rate, 4)) > car.steering_rate or abs(round(acceleration, 4)) > car.acceleration:
         return None
@@ -230,11 +211,11 @@ def _reached(state: Array, inputs: Array, step: float, car: Car) -> Array | None
         return None
 
     def change(now: Array, _: float) -> list[float]:
-        speed, angle = now[SPEED], now[STEERING]
+        _, _, angle, speed, heading = now.tolist()
         limit = car.acceleration * min(1.0, car.switching_speed / speed) if speed > 0.0 else car.acceleration
         turn = 0.0 if abs(angle) >= car.steering_angle and angle * rate >= 0.0 else rate
         rise = 0.0 if speed >= car.speed and acceleration >= 0.0 else min(acceleration, limit)
-        along, up = math.cos(now[HEADING]), math.sin(now[HEADING])
+        along, up = math.cos(heading), math.sin(heading)
         return [speed * along, speed * up, turn, rise, speed * math.tan(angle) / car.wheelbase]
 
     reached: Array = odeint(change, state, [0.0, step])[1]
@@ -242,5 +223,5 @@ def _reached(state: Array, inputs: Array, step: float, car: Car) -> Array | None
 
 
 def _turned(one: Array, other: Array) -> float:
-    """The angle between two headings, rad."""
+    """Angle between two headings, rad."""
     return math.acos(min(1.0, max(-1.0, math.cos(one[HEADING] - other[HEADING]))))

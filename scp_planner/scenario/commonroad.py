@@ -57,7 +57,9 @@ from scp_planner.scenario.commonroad_models import (
 )
 from scp_planner.scenario.commonroad_obstacles import obstacles_of
 from scp_planner.scenario.commonroad_roads import (
+    GAP,
     GUIDE_STEP,
+    SEEN_GAP,
     drivable,
     lane_borders,
     route_ahead,
@@ -408,7 +410,7 @@ class _Reader:
             text = "nothing that drives forward along the lanes comes nearer to it than where it starts"
             raise ScenarioError(self.name, [Fault("goalState.position", MISSING, text)])
         guide = spaced(drive.places[: end.index + 1], GUIDE_STEP) if end.index > 1 else np.array([start])
-        walls = self._walls(guide, middle, heading, vehicle) if self.bordered else []
+        walls = self._walls(guide, middle, heading, vehicle, judged=model is not None) if self.bordered else []
         goal = {
             "position": tuple(drive.places[end.index].tolist()),
             "region": [(float(x), float(y)) for x, y in end.place.exterior.coords[:-1]],
@@ -478,10 +480,14 @@ class _Reader:
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
         return Arrival(index, rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width))
 
-    def _walls(self, line: Array, middle: Point, heading: float, vehicle: _Vehicle) -> list[list[Point]]:
+    def _walls(
+        self, line: Array, middle: Point, heading: float, vehicle: _Vehicle, *, judged: bool
+    ) -> list[list[Point]]:
+        """Walls beside the road; as the official checker sees it, where it will judge the trip."""
         if not self.world.lanelet_network.lanelets:
             return []
-        area = drivable(self.world.lanelet_network, line, REACH * vehicle.length, vehicle.width)
+        gap = SEEN_GAP if judged else GAP * vehicle.width
+        area = drivable(self.world.lanelet_network, line, REACH * vehicle.length, vehicle.width, gap)
         # Discs reach beyond the rear of what they cover; the vehicle only moves away from there.
         rear = point_ahead(middle, heading, -0.5 * vehicle.length)
         area = area.union(rectangle(rear, heading, 2.0 * vehicle.width, REAR_WIDTH * vehicle.width))

@@ -36,8 +36,11 @@ WRONG_WAY = 0.5 * math.pi
 DRAWN_IN = 0.015
 """Widths of the vehicle by which borders are drawn in, and corners cut off on the way."""
 
-GAP = 0.05
+GAP = 0.1
 """Widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them."""
+
+SEEN_GAP = 1e-6
+"""m of the file, its precision: the official checker notices a car in wider gaps between lanes not side by side."""
 
 THICKNESS = 1.5
 """Widths of the vehicle, of a wall where nothing is in its way; half as much, again and again, where something is."""
@@ -234,7 +237,7 @@ def spaced(points: Array, step: float) -> Array:
 # Borders
 
 
-def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
+def drivable(network: Any, line: Array, reach: float, width: float, gap: float) -> Any:
     """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little.
 
     Parameters
@@ -247,17 +250,21 @@ def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
         How far around the line, m.
     width : float
         Of the vehicle, m.
+    gap : float
+        As in `road_in`.
 
     Returns
     -------
     shapely.Polygon or shapely.MultiPolygon
     """
     around, inwards = _about(line, reach), DRAWN_IN * width
-    return road_in(network, around, width, inwards).simplify(inwards).intersection(around.simplify(inwards))
+    return road_in(network, around, gap, inwards).simplify(inwards).intersection(around.simplify(inwards))
 
 
-def road_in(network: Any, around: Any, width: float, inwards: float = 0.0) -> Any:
-    """Return all lanes that meet an area as one, gaps between them filled.
+def road_in(network: Any, around: Any, gap: float, inwards: float = 0.0) -> Any:
+    """Return the road about an area: the lanes that meet it, those side by side as one, and narrow gaps filled.
+
+    The official checker joins lanes side by side like this, and finds a car outside of the road in any other gap.
 
     Parameters
     ----------
@@ -265,8 +272,8 @@ def road_in(network: Any, around: Any, width: float, inwards: float = 0.0) -> An
         Of commonroad-io.
     around : shapely geometry
         m.
-    width : float
-        Of the vehicle, m.
+    gap : float
+        Narrower gaps between other lanes are filled, m.
     inwards : float
         By which borders are drawn in, m.
 
@@ -274,12 +281,37 @@ def road_in(network: Any, around: Any, width: float, inwards: float = 0.0) -> An
     -------
     shapely.Polygon or shapely.MultiPolygon
     """
-    from shapely import union_all
+    from shapely import Polygon, make_valid, union_all
 
-    polygons = [lane.polygon.shapely_object for lane in network.lanelets]
-    near = [polygon.buffer(0.0) for polygon in polygons if polygon.intersects(around)]
-    fill = GAP * width
+    polygons = [Polygon(outline) for outline in _outlines({lane.lanelet_id: lane for lane in network.lanelets})]
+    near = [make_valid(polygon) for polygon in polygons if polygon.envelope.intersects(around)]
+    fill = 0.5 * gap
     return union_all(near).buffer(fill, join_style="mitre").buffer(-fill - inwards, join_style="mitre")
+
+
+def _outlines(lanes: dict[int, Any]) -> Iterator[Array]:
+    """Outlines of lanes side by side, (k, 2) m: the outermost borders, joined by lines over the ends of the others."""
+    done: set[int] = set()
+    for first in lanes:
+        if first in done:
+            continue
+        row = [(first, True)]
+        for leftwards in (False, True):
+            key, same = first, True
+            while True:
+                lane, on_left = lanes[key], leftwards == same
+                key = lane.adj_left if on_left else lane.adj_right
+                if key not in lanes or any(key == each for each, _ in row):
+                    break
+                same = same == bool(lane.adj_left_same_direction if on_left else lane.adj_right_same_direction)
+                row.insert(len(row) if leftwards else 0, (key, same))
+        done |= {key for key, _ in row}
+        lefts = [lanes[key].left_vertices if same else lanes[key].right_vertices[::-1] for key, same in row]
+        key, same = row[0]
+        right = lanes[key].right_vertices if same else lanes[key].left_vertices[::-1]
+        inner = lefts[:-1]
+        ends, starts = [left[-1:] for left in inner], [left[:1] for left in reversed(inner)]
+        yield np.concatenate([right, *ends, lefts[-1][::-1], *starts])
 
 
 def lane_borders(network: Any, line: Array, reach: float, width: float) -> list[list[Point]]:

@@ -7,7 +7,7 @@ from typing import Any
 from scp_planner.scenario.commonroad_goals import polygons_of
 from scp_planner.scenario.commonroad_lines import Point, rectangle
 from scp_planner.scenario.commonroad_models import Car
-from scp_planner.scenario.commonroad_roads import road_in
+from scp_planner.scenario.commonroad_roads import SEEN_GAP, road_in
 
 NOTABLE = 1e-3
 """Widths of the car: what reaches less far over a border may be rounding."""
@@ -44,7 +44,7 @@ def touched_by(middle: Point, heading: float, car: Car, world: Any, time_step: i
             return f"meets obstacle {obstacle.obstacle_id}"
     if not world.lanelet_network.lanelets:
         return None
-    road = road_in(world.lanelet_network, body, car.width)
+    road = road_in(world.lanelet_network, body, SEEN_GAP)
     if road.is_empty:
         return "stands beside the road"
     beyond = body.difference(road.buffer(notable))

@@ -123,7 +123,7 @@ class CvxpySolver:
         form.fill(scaling, program.origin)
         try:
             with warnings.catch_warnings():
-                # An inaccurate answer is judged here: polished, or returned as failed.
+                # An inaccurate answer is judged here: polished, or returned as failed if it is not feasible.
                 warnings.filterwarnings("ignore", message="Solution may be inaccurate")
                 # Without warm start: the answer may not depend on what was solved before.
                 form.problem.solve(  # type: ignore[no-untyped-call]
@@ -132,6 +132,8 @@ class CvxpySolver:
         except cp.SolverError:
             return _no_answer(program, SolverStatus.FAILED)
         status = _STATUS.get(form.problem.status, SolverStatus.FAILED)
+        if self._extra is not None and form.problem.status == cp.OPTIMAL_INACCURATE:
+            status = SolverStatus.OPTIMAL  # cones cannot be polished: a step that is feasible is one, see below
         answer = form.answer(scaling.program, status)
         if self._extra is None and status is not SolverStatus.INFEASIBLE:
             polished = polish(scaling.program, answer, deadline)
@@ -232,7 +234,7 @@ class _Form:
     def answer(self, program: QuadraticProgram, status: SolverStatus) -> Solution:
         """Return the last answer, without the padding; zeros where there is none."""
         if self.y.value is None or self.rows.dual_value is None:
-            return _no_answer(program, status)
+            return _no_answer(program, SolverStatus.FAILED if status is SolverStatus.OPTIMAL else status)
         k, count, rows = self.size.equalities, len(program.gradient), len(program.bound)
         multipliers = np.zeros(count + rows)
         multipliers[:count] = (self.below.dual_value - self.above.dual_value)[:count]
