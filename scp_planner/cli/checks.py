@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.cli import summaries
+from scp_planner.cli import commonroad, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import MotionModel, ScenarioFile, check_number, load_scenario
@@ -55,16 +55,20 @@ def check(
     """Certify trips against a scenario, whoever planned them.
 
     Of several files a table is printed: certified or not, travel time, least clearance, and how far limits are used.
+    Plans for a model of CommonRoad are certified for the car, problem and goal that they were made for.
     """
     from scp_planner.certificate.check import certify
 
     start_logging(printing)
     check_number("--slack", slack, 0.0)
-    scenario = load_scenario(scenario_file, motion)
     trips = [_load(file) for file in files]
-    wider = _widened(scenario, 1.0 + slack) if slack else scenario
-    certificates = [certify(wider, trip) for trip in trips]
-    rows = [_summary(scenario, *one, 1.0 + slack) for one in zip(files, trips, certificates, strict=True)]
+    own = [commonroad.scenario_of(scenario_file, trip) for trip in trips]
+    scenario = own[0] if None not in own else load_scenario(scenario_file, motion)
+    driven = [each or scenario for each in own]
+    certificates = [
+        certify(_widened(each, 1.0 + slack) if slack else each, trip) for each, trip in zip(driven, trips, strict=True)
+    ]
+    rows = [_summary(*one, 1.0 + slack) for one in zip(driven, files, trips, certificates, strict=True)]
     if len(rows) == 1:
         report(rows[0], printing)
     elif printing.as_json:

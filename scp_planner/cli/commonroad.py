@@ -12,10 +12,13 @@ import typer
 
 from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.cli.options import COMMONROAD_SUFFIX, bad_option, check_target
+from scp_planner.errors import ScenarioError
 
 if TYPE_CHECKING:
     from scp_planner.planning.commonroad import CommonRoadPlan
     from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.trips.samples import SampledTrajectory
 
 
 class BenchmarkModel(StrEnum):
@@ -83,3 +86,21 @@ class SolutionOptions:
             export_commonroad_solution(made, scenario_file, self.file, model=self.model.value, cost=self.cost.value)
         except ValueError as error:
             raise bad_option("--commonroad-solution", self.file, str(error)) from error
+
+
+def scenario_of(scenario_file: str, trip: Plan | SampledTrajectory) -> Scenario | None:
+    """Load the scenario that a trip was planned for, if it is a plan for a model of CommonRoad."""
+    from scp_planner.planning.plan import Plan
+
+    if not isinstance(trip, Plan) or trip.commonroad is None:
+        return None
+    if not scenario_file.lower().endswith(COMMONROAD_SUFFIX):
+        return None
+    from scp_planner.planning.commonroad import scenario_planned
+
+    try:
+        return scenario_planned(scenario_file, trip)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise bad_option("FILE", trip.commonroad, f"of its plan for CommonRoad, {error}") from error

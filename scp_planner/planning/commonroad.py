@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import inf
 from os import PathLike
 from time import perf_counter
+from typing import Any
 
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
@@ -14,7 +15,13 @@ from scp_planner.errors import TooLargeError
 from scp_planner.planning.commonroad_referee import SPEED, axle_states, shown_states
 from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
+from scp_planner.scenario.commonroad import (
+    MORE_DISCS,
+    CommonRoadFile,
+    load_commonroad,
+    read_commonroad,
+    scenario_of,
+)
 from scp_planner.scenario.commonroad_goals import GoalAim, GoalState
 from scp_planner.scenario.commonroad_models import FEWEST_DISCS, Car, VehicleModel, car_named, default_car, softer
 from scp_planner.scenario.models import Scenario
@@ -151,9 +158,16 @@ class _Job:
         settings = self.settings or road_settings(scenario)
         if trial.quick:
             settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
-        return CommonRoadPlan(
-            scenario, planned(scenario, settings, time_limit=None if left == inf else left, thorough=trial.thorough)
-        )
+        made = planned(scenario, settings, time_limit=None if left == inf else left, thorough=trial.thorough)
+        return CommonRoadPlan(scenario, replace(made, commonroad=self.told(trial)))
+
+    def told(self, trial: _Trial) -> dict[str, Any]:
+        """What a plan says of what it was planned for."""
+        turn = None if trial.aim.turn == inf else trial.aim.turn
+        car = self.car or default_car(VehicleModel(self.model))
+        problem = self.file.problem.planning_problem_id
+        told = {"model": self.model, "car": car, "problem": problem, "discs": trial.discs}
+        return {**told, **asdict(trial.aim), "turn": turn}
 
     def again(self, trial: _Trial, made: CommonRoadPlan, scenario: Scenario | None = None) -> CommonRoadPlan:
         """Plan what is tried; what there is already, where the time is over before all obstacles can be looked at."""
@@ -161,6 +175,34 @@ class _Job:
             return self.planned(trial, scenario or self.scenario(trial))
         except TooLargeError:
             return made
+
+
+def scenario_planned(path: str | PathLike[str], plan: Plan) -> Scenario:
+    """Read the scenario of a CommonRoad file that a plan was made for.
+
+    Parameters
+    ----------
+    path : path
+        XML file.
+    plan : Plan
+        If it is for no model of CommonRoad, the scenario is that of `load_commonroad`.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError, ValueError, ImportError, OSError
+        As `load_commonroad`; also if the plan names a model, car, problem or goal state that is not there.
+    """
+    told = dict(plan.commonroad or {})
+    if not told:
+        return load_commonroad(path)
+    turn = inf if told["turn"] is None else told["turn"]
+    aim = GoalAim(told["state"], told["timed_way"], told["depth"], turn)
+    file = read_commonroad(path, told["problem"])
+    return scenario_of(file, model=told["model"], car=told["car"], aim=aim, discs=told["discs"])
 
 
 def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:

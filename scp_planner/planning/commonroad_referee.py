@@ -107,7 +107,7 @@ def shown_states(plan: Plan, step: float, model: VehicleModel, car: Car, orienta
 
 
 def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array | None:
-    """Return states, some of them with another steering angle by next to nothing, between which the checker finds inputs.
+    """Return states between which the checker finds inputs: some with a steering angle changed by next to nothing.
 
     Parameters
     ----------

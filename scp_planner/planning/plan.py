@@ -92,6 +92,8 @@ class Plan:
     stated_status : PlanStatus or None
         Of an unverified plan: the status that its file states, as ``reason``, ``clearance`` and ``limits`` are those
         that it states. Files can be edited: ``verified`` and :func:`scp_planner.certify` tell whether the plan holds.
+    commonroad : dict or None
+        Model, car, problem and aim of CommonRoad that it was planned for; None if it is no plan for one of its models.
     """
 
     scenario: str
@@ -109,6 +111,7 @@ class Plan:
     converged: bool | None = None
     planned: Scenario | None = field(default=None, repr=False)
     stated_status: PlanStatus | None = None
+    commonroad: dict[str, Any] | None = None
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._identity == other._identity
@@ -248,6 +251,7 @@ class Plan:
             "solver": self.solver,
             "iterations": self.iterations,
             "wall_time": self.wall_time,
+            **({} if self.commonroad is None else {"commonroad": self.commonroad}),
             "path": {
                 "degree": space.path.coefficients.shape[1] - 1,
                 "knots": (
@@ -428,6 +432,7 @@ class Plan:
             lower_bound=reader.number("lower_bound") if "lower_bound" in data else 0.0,
             converged=reader.flag("converged") if data.get("converged") is not None else None,
             stated_status=PlanStatus(stated),
+            commonroad=_commonroad_read(reader.part("commonroad")) if data.get("commonroad") is not None else None,
         )
         if "samples" in data:
             check_samples(reader.part("samples"), trip, lambda name, times: getattr(plan, name)(times))
@@ -469,6 +474,16 @@ class Plan:
         trajectory = self.trip.trajectory
         times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
         return times
+
+
+def _commonroad_read(part: KeyReader) -> dict[str, Any]:
+    """Check the kinds of values alone: what models and cars there are is known to those who plan for them."""
+    return {
+        **{key: str(part.get(key)) for key in ("model", "car")},
+        **{key: part.integer(key, 0, None) for key in ("problem", "state", "discs")},
+        **{key: part.number(key) for key in ("timed_way", "depth")},
+        "turn": None if part.get("turn") is None else part.number("turn"),
+    }
 
 
 def _clearance_written(clearance: Clearance) -> dict[str, Any]:

@@ -452,6 +452,9 @@ class Scenario(Part):
         OSError
             If the file cannot be read.
         """
+        if Path(path).suffix.lower() == ".xml":
+            reader = "scp_planner.formats.commonroad.load_commonroad"
+            raise ScenarioError(str(path), [Fault("", MISSING, f"XML files of CommonRoad are read by {reader}")])
         _check_count(path)
         data, faults = files.read(path)
         if data is not None and "travel_time" in data:

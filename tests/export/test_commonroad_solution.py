@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -386,3 +387,45 @@ def test_command_writes_a_solution(road_file: Path, tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, ["plan", "builtin:crossing", "--commonroad-solution", str(target)])
     assert refused.exit_code == 2
     assert "needs a scenario of CommonRoad" in refused.output
+
+
+def test_a_plan_for_a_model_passes_its_own_check(road_file: Path, tmp_path: Path) -> None:
+    """Of two goals the sooner one, for a truck: all of it is in the plan file."""
+    both = "".join(goal(f"<position>{rectangle({**GOAL, 'x': x}, placed=True)}</position>") for x in (85.0, 70.0))
+    road_file.write_text(road(both), encoding="utf-8")
+    file, runner = tmp_path / "plan.json", CliRunner()
+    words = ["plan", str(road_file), "--commonroad-solution", str(tmp_path / "s.xml"), "--commonroad-model", "KST"]
+    done = runner.invoke(app, [*words, "--no-bound", "-o", str(file)])
+    assert done.exit_code == 0, done.output
+    assert runner.invoke(app, ["check", str(road_file), str(file)]).exit_code == 0
+    assert sp.Plan.load(file).commonroad == {
+        **{"model": "KST", "car": "TRUCK", "problem": 7, "discs": 5},
+        **{"state": 1, "timed_way": 1.0, "depth": 0.0, "turn": 0.9},
+    }
+    file.write_text(file.read_text().replace('"car": "TRUCK"', '"car": "VW_VANAGON"'))
+    refused = runner.invoke(app, ["check", str(road_file), str(file)])
+    assert refused.exit_code == 2 and "model KST needs one of TRUCK" in " ".join(refused.output.split())
+    file.write_text(file.read_text().replace('"discs": 5', '"discs": "many"'))
+    with pytest.raises(sp.PlanError, match=r"commonroad.discs = 'many': expected an integer"):
+        sp.Plan.load(file)
+
+
+def test_scenario_load_names_the_function_that_reads_commonroad(road_file: Path) -> None:
+    with pytest.raises(sp.ScenarioError, match=r"read by scp_planner.formats.commonroad.load_commonroad"):
+        sp.Scenario.load(road_file)
+
+
+def test_a_gap_between_lanes_that_are_not_side_by_side_is_not_driven_over(tmp_path: Path) -> None:
+    """A gap of 0.1 mm, as the official checker has it: the lane beyond it cannot be reached."""
+    place = {**GOAL, "y": LANE}
+    text = road(goal(f"<position>{rectangle(place, placed=True)}</position>"))
+    file = tmp_path / "gap.xml"
+    file.write_text(text, encoding="utf-8")
+    assert plan_commonroad(file, model="KS").plan.certified
+    moved = text.replace(bound("rightBound", 0.5 * LANE), bound("rightBound", 0.5 * LANE + 1e-4))
+    file.write_text(moved, encoding="utf-8")
+    assert plan_commonroad(file, model="KS").plan.certified, "side by side, they are one"
+    apart = re.sub("<adjacent[^>]*>", "", moved)
+    file.write_text(apart, encoding="utf-8")
+    assert not plan_commonroad(file, model="KS", time_limit=5.0).plan.certified
+    assert sp.plan(load_commonroad(file)).certified, "no vehicle notices it"

@@ -103,10 +103,16 @@ def test_goals_that_nobody_gets_to_are_refused() -> None:
         goal_states(problem(time_step=Interval(11, 20), velocity=Interval(-3.0, -1.0)), STEP, "road.xml")
 
 
+def lane_of(length: float) -> SimpleNamespace:
+    """A straight lane along the x axis, 4 m wide."""
+    left, right = (np.array([[0.0, y], [length, y]]) for y in (2.0, -2.0))
+    return SimpleNamespace(lanelet_id=1, left_vertices=left, right_vertices=right, adj_left=None, adj_right=None)
+
+
 def test_a_road_around_one_point() -> None:
     """Of a guide that ends where it begins."""
-    lane = SimpleNamespace(polygon=placed(box(0.0, -2.0, 100.0, 2.0)))
-    area = drivable(SimpleNamespace(lanelets=[lane]), np.array([[50.0, 0.0]]), 10.0, 1.8)
+    lane = lane_of(100.0)
+    area = drivable(SimpleNamespace(lanelets=[lane]), np.array([[50.0, 0.0]]), 10.0, 1.8, 0.1)
     assert area.centroid.x == pytest.approx(50.0, abs=0.5)
     assert area.bounds[2] - area.bounds[0] == pytest.approx(20.0, rel=0.05)
 
@@ -115,7 +121,7 @@ def test_a_road_around_one_point() -> None:
 def test_a_car_that_touches_something_where_it_starts_is_told_what(as_shape: bool) -> None:
     car = CARS["BMW_320i"]
     half = 0.5 * car.width
-    lane = SimpleNamespace(polygon=placed(box(0.0, -2.0, 40.0, 2.0)))
+    lane = lane_of(40.0)
     seen = placed(box(20.0, -2.0, 24.0, 0.0))
     occupancy = SimpleNamespace(shape=seen) if as_shape else seen
     parked = SimpleNamespace(obstacle_id=7, occupancy_at_time=lambda step: occupancy if step == 3 else None)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import scp_planner as sp
+from scp_planner import builtin
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.given import GivenConstraints, TripVariables
@@ -21,7 +22,8 @@ from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
-NORM: Any = cp.norm  # type: ignore[attr-defined]
+WITHOUT_TYPES: Any = cp
+NORM = WITHOUT_TYPES.norm
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +157,24 @@ def test_a_cone_is_kept(scenario: sp.Scenario) -> None:
     plan = sp.plan(scenario, constraints=through_the_gate, solver=CvxpySolver("CLARABEL"))
     assert least_distance(sp.plan(scenario)) > 0.5
     assert plan.certified and least_distance(plan) <= 0.201
+
+
+@pytest.mark.parametrize("name", ["sum of squares", "norm", "p-norm"])
+def test_a_constraint_that_contains_another_one_that_works_works_too(name: str) -> None:
+    crossing, cvxpy = builtin.load("crossing"), WITHOUT_TYPES
+    sizes = {"sum of squares": cvxpy.sum_squares, "norm": cvxpy.norm, "p-norm": lambda points: cvxpy.pnorm(points, 3)}
+    size = sizes[name]
+
+    def few(trip: TripVariables) -> list[Any]:
+        return [cvxpy.norm_inf(trip.offset_control_points) <= 0.02]
+
+    def more(trip: TripVariables) -> list[Any]:
+        assert 0.02 * np.sqrt(trip.offset_control_points.size) < 1.0  # all that few allows
+        return [size(trip.offset_control_points) <= 1.0]
+
+    inner, outer = (sp.plan(crossing, constraints=one) for one in (few, more))
+    assert inner.certified and outer.certified, outer.reason
+    assert outer.travel_time < inner.travel_time
 
 
 def test_a_slow_passage_is_kept(scenario: sp.Scenario) -> None:
