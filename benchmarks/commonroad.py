@@ -20,8 +20,8 @@ from pathlib import Path
 from time import perf_counter
 
 from scp_planner.errors import ScenarioError
-from scp_planner.export.commonroad_solution import export_commonroad_solution
-from scp_planner.planning.commonroad import plan_commonroad
+from scp_planner.formats.commonroad.planning import plan_commonroad
+from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
 CHECKER = ("commonroad-drivability-checker[triangle]==2025.4.0", "commonroad-io>=2024,<2025")
 """What the checker's environment holds."""

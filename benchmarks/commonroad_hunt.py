@@ -21,8 +21,8 @@ from xml.etree import ElementTree
 
 from benchmarks.commonroad import JUDGE, python_of
 from scp_planner.errors import ScenarioError
-from scp_planner.export.commonroad_solution import export_commonroad_solution
-from scp_planner.planning.commonroad import plan_commonroad
+from scp_planner.formats.commonroad.planning import plan_commonroad
+from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
 KNOWN = ("accepted", "refused", "infeasible", "feasible", "not written")
 """What may come of a file."""

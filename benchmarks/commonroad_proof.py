@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.scenario.commonroad_models import CARS
+from scp_planner.formats.commonroad.cars import CARS
 
 cp: Any = import_module("cvxpy")  # its types leave out most of what is used here
 

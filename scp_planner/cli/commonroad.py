@@ -15,7 +15,7 @@ from scp_planner.cli.options import COMMONROAD_SUFFIX, bad_option, check_target
 from scp_planner.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from scp_planner.planning.commonroad import CommonRoadPlan
+    from scp_planner.formats.commonroad.planning import CommonRoadPlan
     from scp_planner.planning.plan import Plan
     from scp_planner.scenario.models import Scenario
     from scp_planner.trips.samples import SampledTrajectory
@@ -68,8 +68,8 @@ class SolutionOptions:
 
     def planned(self, scenario_file: str, values: dict[str, Any], time_limit: float | None) -> CommonRoadPlan:
         """Plan a problem of CommonRoad for the model, with some settings of one's own."""
-        from scp_planner.planning.commonroad import plan_commonroad, road_settings
-        from scp_planner.scenario.commonroad import load_commonroad
+        from scp_planner.formats.commonroad.planning import plan_commonroad, road_settings
+        from scp_planner.formats.commonroad.reading import load_commonroad
 
         model, settings = self.model.value, None
         if values:
@@ -78,7 +78,7 @@ class SolutionOptions:
 
     def write(self, made: Plan, scenario_file: str) -> None:
         """Write the solution file of a certified plan; none of another."""
-        from scp_planner.export.commonroad_solution import export_commonroad_solution
+        from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
         if not made.certified or self.file is None:
             return
@@ -96,7 +96,7 @@ def scenario_of(scenario_file: str, trip: Plan | SampledTrajectory) -> Scenario 
         return None
     if not scenario_file.lower().endswith(COMMONROAD_SUFFIX):
         return None
-    from scp_planner.planning.commonroad import scenario_planned
+    from scp_planner.formats.commonroad.planning import scenario_planned
 
     try:
         return scenario_planned(scenario_file, trip)

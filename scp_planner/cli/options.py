@@ -200,7 +200,7 @@ def _loaded(source: str) -> Scenario:
     if source.lower().endswith(COMMONROAD_SUFFIX):
         if importlib.util.find_spec("commonroad") is None:
             raise bad_option("SCENARIO", source, "needs commonroad-io: pip install 'scp-planner[commonroad]'")
-        from scp_planner.scenario.commonroad import load_commonroad
+        from scp_planner.formats.commonroad.reading import load_commonroad
 
         return load_commonroad(source)
     from scp_planner.scenario.models import Scenario

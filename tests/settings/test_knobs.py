@@ -212,7 +212,7 @@ NOT_GIVEN = {
     "scp_planner.studies.field.ZoneKind",
     "scp_planner.cli.commonroad.BenchmarkModel",
     "scp_planner.cli.commonroad.BenchmarkCost",
-    "scp_planner.scenario.commonroad_models.VehicleModel",  # words that the reader of CommonRoad refuses by itself
+    "scp_planner.formats.commonroad.cars.VehicleModel",  # words that the reader of CommonRoad refuses by itself
 }
 """Outcomes and labels, which nobody sets."""
 

@@ -25,20 +25,13 @@ RESERVE = 0.01
 """Relative: how much less than a limit is planned with. The referee sees states at steps, and joins them by constant
 inputs, whose largest values may lie this much above those of the plan."""
 
-UNNOTICED = 0.01
-"""m of the file; the official checker takes places for the same that differ by less than twice as much."""
-
-COARSE = 0.5
-"""Of the swerve from one side to the other in one step: a smaller one is asked for."""
-
-WEAKER = 0.1
-"""Less power where a trip is planned more softly: for the official checker's search it is another one."""
-
+UNNOTICED = 0.01  # m of the file; the official checker takes places for the same that differ by less than twice as much
+COARSE = 0.5  # of the swerve from one side to the other in one step: a smaller one is asked for
+WEAKER = 0.1  # less power where a trip is planned more softly: for the official checker's search it is another one
 SPEED_RESERVE, SLOWEST = 1.5, 2.0
 """At which speed a point mass swerves: so many times that of the start, and no less than this, m/s."""
 
-FEWEST_DISCS = 5
-"""That cover a car; a trailer is none of it."""
+FEWEST_DISCS = 5  # that cover a car; a trailer is none of it
 
 
 class VehicleModel(StrEnum):
@@ -51,42 +44,30 @@ class VehicleModel(StrEnum):
     KST = "KST"
     """Kinematic single track with a trailer; for the referee its rear axle is the centre of the car."""
 
+    @classmethod
+    def named(cls, name: str) -> VehicleModel:
+        """Return a model by its name."""
+        try:
+            return cls(name)
+        except ValueError:
+            raise ValueError(f"model: must be one of {', '.join(cls)}, not {name!r}") from None
+
 
 @dataclass(frozen=True)
 class Car:
-    """One of the benchmark's cars.
+    """One of the benchmark's cars."""
 
-    Attributes
-    ----------
-    number : int
-        In the benchmark's ids of solutions.
-    length, width : float
-        m.
-    front_axle, rear_axle : float
-        Distances of the axles from the centre, m.
-    steering_angle, steering_rate : float
-        Largest, rad and rad/s.
-    acceleration : float
-        Largest, along and across together, m/s^2.
-    switching_speed : float
-        Above it the acceleration along falls as 1 / speed, m/s.
-    speed : float
-        Largest, m/s.
-    trailer_wheelbase : float or None
-        m; None without a trailer.
-    """
-
-    number: int
-    length: float
-    width: float
-    front_axle: float
-    rear_axle: float
-    steering_angle: float
-    steering_rate: float
-    acceleration: float
-    switching_speed: float
-    speed: float
-    trailer_wheelbase: float | None = None
+    number: int  # in the benchmark's ids of solutions
+    length: float  # m
+    width: float  # m
+    front_axle: float  # m from the centre
+    rear_axle: float  # m from the centre
+    steering_angle: float  # largest, rad
+    steering_rate: float  # largest, rad/s
+    acceleration: float  # largest, along and across together, m/s^2
+    switching_speed: float  # above it the acceleration along falls as 1 / speed, m/s
+    speed: float  # largest, m/s
+    trailer_wheelbase: float | None = None  # m
 
     @property
     def wheelbase(self) -> float:
@@ -104,23 +85,7 @@ CARS = {
 
 
 def car_named(name: str, model: VehicleModel) -> Car:
-    """Return a car that a model is made for.
-
-    Parameters
-    ----------
-    name : str
-        One of `CARS`.
-    model : VehicleModel
-
-    Returns
-    -------
-    Car
-
-    Raises
-    ------
-    ValueError
-        If there is no such car, or it has not what the model moves.
-    """
+    """Return a car that a model is made for."""
     if name not in CARS:
         raise ValueError(f"car: must be one of {', '.join(CARS)}, not {name!r}")
     car = CARS[name]
@@ -137,26 +102,18 @@ def default_car(model: VehicleModel) -> str:
     return "TRUCK" if model is VehicleModel.KST else "BMW_320i"
 
 
+def body_of(name: str | None, model: VehicleModel) -> Car:
+    """Return a car that a model is made for; None: the default one."""
+    return car_named(name or default_car(model), model)
+
+
 def centre_of(car: Car, model: VehicleModel) -> float:
     """How far the centre of the car is ahead of the reference point of a model, m."""
     return car.rear_axle if model is VehicleModel.KS else 0.0
 
 
 def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict[str, Any]:
-    """Return the vehicle of a scenario that moves as the referee allows.
-
-    Parameters
-    ----------
-    car : Car
-    model : VehicleModel
-    discs : int
-        How many discs cover it.
-
-    Returns
-    -------
-    dict
-        Fields of `scp_planner.Vehicle`.
-    """
+    """Return the vehicle of a scenario that moves as the referee allows."""
     keep = 1.0 - RESERVE
     vehicle: dict[str, Any] = {
         **_covered(car, centre_of(car, model), discs),
@@ -182,20 +139,6 @@ def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str,
 
     The checker joins states by constant accelerations. Where they change by j h in a step h, its place differs by
     j h^3 / 12. The one across, v^2 k, changes by v^2 k' and, where the speed changes by a, by 2 v a k.
-
-    Parameters
-    ----------
-    vehicle : mapping
-        As of `vehicle_of`.
-    step : float
-        Of the file, s.
-    speed : float
-        At the start, m/s.
-
-    Returns
-    -------
-    dict
-        Fields of `scp_planner.Vehicle`; none where it does not matter.
     """
     speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
     rate, hardest = jerk / speed**2, float(vehicle["max_total_acceleration"])
@@ -209,21 +152,6 @@ def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str
     """Return limits of a car whose inputs constant ones follow better, where the checker joins states by these.
 
     Where the acceleration changes by j h in a step h, the place differs by j h^3 / 12.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    step : float
-        Of the file, s.
-    speed : float
-        The largest, m/s.
-    part : float
-        Of what is the most that may be so.
-
-    Returns
-    -------
-    dict
-        Fields of `scp_planner.Vehicle`.
     """
     jerk = part * 12.0 * 2.0 * UNNOTICED / step**3
     if vehicle.max_power is not None and vehicle.max_curvature_rate is not None:

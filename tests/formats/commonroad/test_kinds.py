@@ -14,11 +14,10 @@ pytest.importorskip("shapely", reason="needs commonroad-io, which is not install
 from shapely import Point, Polygon, box
 
 from scp_planner.errors import ScenarioError
-from scp_planner.scenario.commonroad_goals import GoalState, ahead_of, goal_states, polygons_of
-from scp_planner.scenario.commonroad_models import CARS
-from scp_planner.scenario.commonroad_obstacles import obstacles_of
-from scp_planner.scenario.commonroad_roads import drivable
-from scp_planner.scenario.commonroad_start import touched_by
+from scp_planner.formats.commonroad.cars import CARS
+from scp_planner.formats.commonroad.goals import GoalState, ahead_of, goal_states, polygons_of
+from scp_planner.formats.commonroad.obstacles import obstacles_of, touched_by
+from scp_planner.formats.commonroad.roads import drivable
 
 STEP = 0.1
 

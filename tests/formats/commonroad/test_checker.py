@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from scp_planner.planning.commonroad_referee import STEERING, found, joined
-from scp_planner.scenario.commonroad_models import CARS, VehicleModel
+from scp_planner.formats.commonroad.cars import CARS, VehicleModel
+from scp_planner.formats.commonroad.checker import STEERING, found, joined
 
 KS, BMW = VehicleModel.KS, CARS["BMW_320i"]
 

@@ -12,18 +12,18 @@ from typing import Any
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
-from scp_planner.planning.commonroad_referee import SPEED, axle_states, shown_states
-from scp_planner.planning.offline import planned
-from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad import (
+from scp_planner.formats.commonroad.cars import FEWEST_DISCS, Car, VehicleModel, body_of, default_car, softer
+from scp_planner.formats.commonroad.checker import SPEED, axle_states, shown_states
+from scp_planner.formats.commonroad.goals import GoalAim, GoalState
+from scp_planner.formats.commonroad.reading import (
     MORE_DISCS,
     CommonRoadFile,
     load_commonroad,
     read_commonroad,
     scenario_of,
 )
-from scp_planner.scenario.commonroad_goals import GoalAim, GoalState
-from scp_planner.scenario.commonroad_models import FEWEST_DISCS, Car, VehicleModel, car_named, default_car, softer
+from scp_planner.planning.offline import planned
+from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -32,21 +32,13 @@ TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)
 """Of the way that a vehicle drives at the speed of its start: where on it goals of time alone are tried, in turn. None
 is sooner than another; to fall back a little is the easiest in traffic."""
 
-DEPTHS = (0.5, 1.0)
-"""How far into a goal's region, where it is not reached as soon as it may be."""
-
-SHARE = 0.5
-"""Of the time that is left, that one trial is given: others may do."""
-
-QUICK_RUNS, QUICK_SEARCHES = 2, 4
-"""Settings of a look at an aim that is one of several."""
-
+DEPTHS = (0.5, 1.0)  # how far into a goal's region, where it is not reached as soon as it may be
+SHARE = 0.5  # of the time that is left, that one trial is given: others may do
+QUICK_RUNS, QUICK_SEARCHES = 2, 4  # settings of a look at an aim that is one of several
 SOFTER = (1.0, 0.8, 0.6, 0.4)
 """How softly is planned again, in turn, where the official checker would not find the inputs of what is certified."""
 
-SPAN = 0.65
-"""Lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly."""
-
+SPAN = 0.65  # lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly
 SHORTEST_SPAN = 0.15
 """Units of length of the scene, of a span: on very long roads those of the vehicle's length would be too many."""
 
@@ -139,8 +131,7 @@ class _Job:
     @property
     def body(self) -> Car:
         """The car that is moved."""
-        model = VehicleModel(self.model)
-        return car_named(self.car or default_car(model), model)
+        return body_of(self.car, VehicleModel(self.model))
 
     @property
     def left(self) -> float:
@@ -219,7 +210,7 @@ def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
 
 def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     """Drive more softly, where the official checker would not find the inputs of what is certified."""
-    step, start = float(job.file.world.dt), float(job.file.problem.initial_state.orientation)
+    step, start = job.file.step, job.file.heading
     model, vehicle = VehicleModel(job.model), made.scenario.vehicle
     for part in SOFTER:
         if not made.plan.certified or job.left <= 0.0:
@@ -271,16 +262,7 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
 
 
 def road_settings(scenario: Scenario) -> Settings:
-    """Return settings for a vehicle on a road.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    Settings
-    """
+    """Return settings for a vehicle on a road."""
     discs = scenario.vehicle.discs
     wanted = SPAN * (max(discs) - min(discs) + 2.0 * scenario.vehicle.radius)
     return Settings(path_span=max(wanted, SHORTEST_SPAN * NaturalUnits.of(scenario).length))

@@ -20,8 +20,8 @@ from scp_planner.scenario.motions import Course
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 
-from scp_planner.scenario.commonroad import load_commonroad
-from scp_planner.scenario.commonroad_goals import polygons_of
+from scp_planner.formats.commonroad.goals import polygons_of
+from scp_planner.formats.commonroad.reading import load_commonroad
 
 NAMES = (
     "DEU_A9-1_1_T-1",

@@ -19,24 +19,16 @@ from scipy.integrate import odeint
 from scipy.optimize import Bounds, minimize
 
 from scp_planner.arrays import Array
+from scp_planner.formats.commonroad.cars import Car, VehicleModel, centre_of
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad_models import Car, VehicleModel, centre_of
 
-ON_A_STEP = 0.02
-"""Part of a step by which an arrival may miss one: the plan keeps its arrival to half of that."""
-
-STEERING, SPEED, HEADING = 2, 3, 4
-"""Columns of states, behind the place of the rear axle."""
-
+ON_A_STEP = 0.02  # part of a step by which an arrival may miss one: the plan keeps its arrival to half of that
+STEERING, SPEED, HEADING = 2, 3, 4  # columns of states, behind the place of the rear axle
 SAME = np.array([0.02, 0.02, 0.03])
 """m along each axis, and rad: states that differ by less are one. Beyond it a miss of places and speed counts twice."""
 
-SAME_POINT = np.full(4, 0.02)
-"""m and m/s along each axis: states of a point mass that differ by less are one."""
-
-OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))
-"""Cost of inputs that cannot be."""
-
+SAME_POINT = np.full(4, 0.02)  # m and m/s along each axis: states of a point mass that differ by less are one
+OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))  # cost of inputs that cannot be
 LEAST_SPEED = 1e-6
 """Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
 told by nothing."""
@@ -46,27 +38,7 @@ NUDGES = tuple(sign * size for size in (1e-6, 1e-5, 3e-5, 1e-4) for sign in (1.0
 
 
 def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
-    """Return the states of a plan at the steps of a file.
-
-    Parameters
-    ----------
-    plan : Plan
-    step : float
-        s.
-    car : Car
-    orientation : float
-        Of the first, rad: the checker compares angles as numbers.
-
-    Returns
-    -------
-    array
-        (n, 5), as in `joined`.
-
-    Raises
-    ------
-    ValueError
-        If the plan does not arrive on a step of the file.
-    """
+    """Return the states of a plan at the steps of a file."""
     count = round(plan.travel_time / step)
     if abs(count * step - plan.travel_time) > ON_A_STEP * step:
         raise ValueError(
@@ -81,48 +53,12 @@ def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
 
 
 def shown_states(plan: Plan, step: float, model: VehicleModel, car: Car, orientation: float) -> Array | None:
-    """Return the states of a plan between which the checker finds inputs of a model; None if it would not.
-
-    Parameters
-    ----------
-    plan : Plan
-    step : float
-        s.
-    model : VehicleModel
-    car : Car
-    orientation : float
-        Of the first, rad.
-
-    Returns
-    -------
-    array or None
-        (n, 5), as in `joined`.
-
-    Raises
-    ------
-    ValueError
-        If the plan does not arrive on a step of the file.
-    """
+    """Return the states of a plan between which the checker finds inputs of a model; None if it would not."""
     return joined(axle_states(plan, step, car, orientation), step, model, car)
 
 
 def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array | None:
-    """Return states between which the checker finds inputs: some with a steering angle changed by next to nothing.
-
-    Parameters
-    ----------
-    states : array
-        Places of the reference point, m, steering angle, rad, speed, m/s, heading, rad, at steps; (n, 5).
-    step : float
-        s.
-    model : VehicleModel
-    car : Car
-
-    Returns
-    -------
-    array or None
-        (n, 5); None where nothing is found.
-    """
+    """Return states between which the checker finds inputs: some with a steering angle changed by next to nothing."""
     shown = states.copy()
 
     def leads(before: Array, after: Array) -> bool:
@@ -149,19 +85,7 @@ def velocities(states: Array, car: Car) -> Array:
 
 
 def found(before: Array, after: Array, step: float, model: VehicleModel, car: Car) -> bool:
-    """Tell whether the checker finds inputs that lead from one state to the next.
-
-    Parameters
-    ----------
-    before, after : array
-        (5,), as in `joined`.
-    step, model, car
-        As in `joined`.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether the checker finds inputs that lead from one state to the next."""
     point = model is VehicleModel.PM
     pair = np.stack([before, after])
     if point:

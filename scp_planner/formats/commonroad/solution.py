@@ -18,16 +18,15 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
-from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, shown_states, velocities
+from scp_planner.formats.commonroad.cars import Car, VehicleModel, body_of, centre_of, default_car
+from scp_planner.formats.commonroad.checker import HEADING, SPEED, STEERING, shown_states, velocities
+from scp_planner.formats.commonroad.reading import read_commonroad
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad import read_commonroad
-from scp_planner.scenario.commonroad_models import Car, VehicleModel, car_named, centre_of, default_car
 
 COSTS = ("JB1", "SM1", "WX1")
 """Cost functions that solutions are submitted for: the time alone; comfort; time and comfort."""
 
-HITCH_STEPS = 20
-"""To a step of the file, of the integral of the trailer's angle."""
+HITCH_STEPS = 20  # to a step of the file, of the integral of the trailer's angle
 
 
 def export_commonroad_solution(
@@ -69,30 +68,27 @@ def export_commonroad_solution(
     ImportError
         If commonroad-io is not installed.
     """
-    moved = VehicleModel(model)
-    name = car or default_car(moved)
-    body = car_named(name, moved)
+    moved = VehicleModel.named(model)
+    name, body = car or default_car(moved), body_of(car, moved)
     if cost not in COSTS:
         raise ValueError(f"cost: must be one of {', '.join(COSTS)}, not {cost!r}")
     file = read_commonroad(commonroad_file, problem)
-    world, chosen = file.world, file.problem
     from commonroad.common import solution
     from commonroad.scenario.trajectory import Trajectory
 
-    first = int(chosen.initial_state.time_step)
-    given = float(chosen.initial_state.orientation)
-    shown = shown_states(plan, float(world.dt), moved, body, given)
+    first = int(file.problem.initial_state.time_step)
+    shown = shown_states(plan, file.step, moved, body, file.heading)
     if shown is None:
         raise ValueError("plan: the official checker would not find the inputs between its states")
     states = _states(plan, shown, first, moved, body)
     answer = solution.PlanningProblemSolution(
-        chosen.planning_problem_id,
+        file.problem.planning_problem_id,
         solution.VehicleModel[moved.value],
         solution.VehicleType[name],
         solution.CostFunction[cost],
         Trajectory(first, states),
     )
-    whole = solution.Solution(world.scenario_id, [answer], computation_time=plan.wall_time)
+    whole = solution.Solution(file.world.scenario_id, [answer], computation_time=plan.wall_time)
     write_text(Path(path), solution.CommonRoadSolutionWriter(whole).dump())
 
 

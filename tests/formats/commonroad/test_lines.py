@@ -11,7 +11,7 @@ pytest.importorskip("shapely", reason="comes with commonroad-io, which is not in
 
 from shapely import LineString, Point, box
 
-from scp_planner.scenario.commonroad_lines import SteeredCar, arrival, driven, led_through, turned_too_far
+from scp_planner.formats.commonroad.lines import SteeredCar, arrival, driven, led_through, turned_too_far
 
 CAR = SteeredCar(length=4.5, ahead=1.4, bend=0.2, sight=5.4)
 STRAIGHT = np.array([[0.0, 0.0], [100.0, 0.0]])

@@ -21,24 +21,14 @@ from scp_planner.arrays import Array
 
 Point = tuple[float, float]
 
-GUIDE_STEP = 3.0
-"""m of the file, between points of the guide, which would else show the kinks of the centre lines."""
-
-CHANGE_COST = 30.0
-"""m of the file: of way that a change of lanes is worth."""
-
+GUIDE_STEP = 3.0  # m of the file, between points of the guide, which would else show the kinks of the centre lines
+CHANGE_COST = 30.0  # m of the file: of way that a change of lanes is worth
 CHANGE_MARGIN = 0.2
 """Part of a lane, before it is left and after it is reached, in which the guide is on its way to the next one."""
 
-WRONG_WAY = 0.5 * math.pi
-"""rad; a lane that leads elsewhere by more than this is not where the vehicle is."""
-
-DRAWN_IN = 0.015
-"""Widths of the vehicle by which borders are drawn in, and corners cut off on the way."""
-
-GAP = 0.1
-"""Widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them."""
-
+WRONG_WAY = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
+DRAWN_IN = 0.015  # widths of the vehicle by which borders are drawn in, and corners cut off on the way
+GAP = 0.1  # widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them
 SEEN_GAP = 1e-6
 """m of the file, its precision: the official checker notices a car in wider gaps between lanes not side by side."""
 
@@ -49,28 +39,14 @@ MOST_TURN = 0.5 * math.pi
 """rad, of the border along one wall: where it turns to the right what lies beside it is convex."""
 
 HALVINGS = 10
-SHORTEST = 1e-3
-"""Widths of the vehicle; shorter edges of borders are none."""
-
-
-@dataclass(frozen=True)
-class _AdjacentLanes:
-    """Lanes side by side that are changed between, in order."""
-
-    lanes: tuple[Any, ...]
+SHORTEST = 1e-3  # widths of the vehicle; shorter edges of borders are none
 
 
 @dataclass(frozen=True)
 class Route:
-    """Lanes to drive along, one after the other or beside the other.
+    """Lanes to drive along, one after the other or beside the other."""
 
-    Attributes
-    ----------
-    lanes : tuple
-        Lanelets of commonroad-io.
-    """
-
-    lanes: tuple[Any, ...]
+    lanes: tuple[Any, ...]  # lanelets of commonroad-io
 
     def line(self, start: Point, goal: Point | None = None) -> Array:
         """Lay a line along the lanes' centres from beside the start to beside the goal, or their end, (k, 2) m."""
@@ -86,62 +62,52 @@ class Route:
 
     def beyond(self, goal: Point) -> Array:
         """The rest of the last lane's centre from beside the goal on, (k, 2) m."""
-        lane = self.lanes[-1]
-        first = _station(lane, goal)
-        return np.array(_along(_AdjacentLanes((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
+        first = _station(self.lanes[-1], goal)
+        return np.array(_along(self.lanes[-1:], first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
 
 
 def route_to(network: Any, start: Point, heading: float, places: Sequence[Any]) -> Route | None:
-    """Find the shortest way along lanes, and changes between them, to one of some places.
-
-    Parameters
-    ----------
-    network : LaneletNetwork
-        Of commonroad-io.
-    start : (x, y)
-        m.
-    heading : float
-        At the start, rad.
-    places : sequence of shapely polygons
-        m.
-
-    Returns
-    -------
-    Route or None
-        None where no lanes lead there.
-    """
+    """Find the shortest way along lanes, and changes between them, to one of some polygons; None if there is none."""
     lanes = {lane.lanelet_id: lane for lane in network.lanelets}
     held: set[int] = set()
     for place in places:
         middle = place.representative_point()
         (at_goal,) = network.find_lanelet_by_position([np.array([middle.x, middle.y])])
         held |= set(at_goal) or {key for key, lane in lanes.items() if lane.polygon.shapely_object.intersects(place)}
-    return _search(lanes, _lanes_at(network, lanes, start, heading), held)
+    ways = _ways(network, lanes, start, heading)
+    return next((Route(tuple(lanes[key] for key in way)) for way, _ in ways if way[-1] in held), None)
 
 
 def route_ahead(network: Any, start: Point, heading: float, length: float) -> Route | None:
     """Return a way along lanes at least so long, m, with few changes, or as far as lanes lead; None off lanes."""
     lanes = {lane.lanelet_id: lane for lane in network.lanelets}
+    longest, found = -math.inf, tuple[int, ...]()
+    for way, end in _ways(network, lanes, start, heading):
+        if end > longest:
+            longest, found = end, way
+        if longest >= length:
+            break
+    return Route(tuple(lanes[key] for key in found)) if found else None
+
+
+def _ways(network: Any, lanes: dict[int, Any], start: Point, heading: float) -> Iterator[tuple[tuple[int, ...], float]]:
+    """Shortest ways to all lanes, the nearest first, and how far from the start their last lanes end, m."""
     first = _lanes_at(network, lanes, start, heading)
-    behind = {key: _station(lanes[key], start) * float(_measured(lanes[key])[1][-1]) for key in first}
-    queue: list[tuple[float, float, int, tuple[int, ...]]] = [(0.0, -behind[key], key, (key,)) for key in first]
+    queue = [(0.0, -_station(lanes[key], start) * _length(lanes[key]), key, (key,)) for key in first]
     heapq.heapify(queue)
     done: set[int] = set()
-    longest, way = -math.inf, tuple[int, ...]()
-    while queue and longest < length:
-        cost, passed, key, lead = heapq.heappop(queue)
+    while queue:
+        cost, passed, key, way = heapq.heappop(queue)
         if key in done:
             continue
         done.add(key)
-        end = passed + float(_measured(lanes[key])[1][-1])
-        if end > longest:
-            longest, way = end, lead
-        steps = [(cost + end - passed, end, each) for each in lanes[key].successor]
+        length = _length(lanes[key])
+        yield way, passed + length
+        steps = [(cost + length, passed + length, each) for each in lanes[key].successor]
         steps += [(cost + CHANGE_COST, passed, each) for each in _neighbours(lanes[key])]
         for more, at, each in steps:
             if each in lanes and each not in done:
-                heapq.heappush(queue, (more, at, each, (*lead, each)))
-    return Route(tuple(lanes[key] for key in way)) if way else None
+                heapq.heappush(queue, (more, at, each, (*way, each)))
 
 
 def _lanes_at(network: Any, lanes: dict[int, Any], start: Point, heading: float) -> list[int]:
@@ -159,27 +125,6 @@ def _heading(lane: Any, point: Point) -> float:
     return math.atan2(leg[1], leg[0])
 
 
-def _search(lanes: dict[int, Any], first: Sequence[int], ends: set[int]) -> Route | None:
-    """Find the way to one of some lanes."""
-    queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, key, (key,)) for key in first]
-    heapq.heapify(queue)
-    done: set[int] = set()
-    while queue:
-        cost, key, way = heapq.heappop(queue)
-        if key in ends:
-            return Route(tuple(lanes[each] for each in way))
-        if key in done:
-            continue
-        done.add(key)
-        length = float(_measured(lanes[key])[1][-1])
-        steps = [(length, each) for each in lanes[key].successor]
-        steps += [(CHANGE_COST, each) for each in _neighbours(lanes[key])]
-        for more, each in steps:
-            if each in lanes and each not in done:
-                heapq.heappush(queue, (cost + more, each, (*way, each)))
-    return None
-
-
 def _neighbours(lane: Any) -> Iterator[int]:
     if lane.adj_left is not None and lane.adj_left_same_direction:
         yield lane.adj_left
@@ -187,27 +132,27 @@ def _neighbours(lane: Any) -> Iterator[int]:
         yield lane.adj_right
 
 
-def _rows(lanes: Sequence[Any]) -> Iterator[_AdjacentLanes]:
+def _rows(lanes: Sequence[Any]) -> Iterator[list[Any]]:
+    """Lanes side by side that are changed between, in order."""
     row = [lanes[0]]
     for lane in lanes[1:]:
         if lane.lanelet_id in row[-1].successor:
-            yield _AdjacentLanes(tuple(row))
+            yield row
             row = []
         row.append(lane)
-    yield _AdjacentLanes(tuple(row))
+    yield row
 
 
-def _along(row: _AdjacentLanes, first: float, last: float) -> list[Array]:
+def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
     """Points along lanes that are changed between from one part of their length to another."""
-    share = (last - first) / len(row.lanes)
+    share = (last - first) / len(row)
     points: list[Array] = []
-    for k, lane in enumerate(row.lanes):
+    for k, lane in enumerate(row):
         low = first + share * (k + (CHANGE_MARGIN if k else 0.0))
-        high = first + share * (k + 1.0 - (CHANGE_MARGIN if k < len(row.lanes) - 1 else 0.0))
+        high = first + share * (k + 1.0 - (CHANGE_MARGIN if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
         count = max(2, math.ceil((high - low) * stations[-1] / GUIDE_STEP) + 1)
-        wanted = np.linspace(low, high, count) * stations[-1]
-        points += list(np.stack([np.interp(wanted, stations, line[:, axis]) for axis in (0, 1)], axis=-1))
+        points += list(_at(line, stations, np.linspace(low, high, count) * stations[-1]))
     return points
 
 
@@ -215,21 +160,33 @@ def _station(lane: Any, point: Sequence[float]) -> float:
     """Part of a lane's length at which a point lies beside it."""
     line, stations = _measured(lane)
     fine = np.linspace(0.0, stations[-1], 400)
-    places = np.stack([np.interp(fine, stations, line[:, axis]) for axis in (0, 1)], axis=-1)
-    nearest = int(np.linalg.norm(places - np.asarray(point, dtype=float), axis=1).argmin())
+    nearest = int(np.linalg.norm(_at(line, stations, fine) - np.asarray(point, dtype=float), axis=1).argmin())
     return float(fine[nearest] / stations[-1])
 
 
 def _measured(lane: Any) -> tuple[Array, Array]:
     line = np.asarray(lane.center_vertices, dtype=float)
-    return line, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    return line, lengths_along(line)
+
+
+def _length(lane: Any) -> float:
+    return float(_measured(lane)[1][-1])
+
+
+def lengths_along(line: Array) -> Array:
+    """Lengths of a polyline, (k, 2) m, up to its points, (k,) m."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+
+
+def _at(line: Array, stations: Array, wanted: Array) -> Array:
+    """Points of a polyline at lengths along it."""
+    return np.stack([np.interp(wanted, stations, line[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def spaced(points: Array, step: float) -> Array:
     """Return points at equal distances, about so large, along a polyline (k, 2), ends included, m."""
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1)
-    placed = np.stack([np.interp(wanted, stations, points[:, axis]) for axis in (0, 1)], axis=-1)
+    stations = lengths_along(points)
+    placed = _at(points, stations, np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1))
     placed[0], placed[-1] = points[0], points[-1]
     return placed
 
@@ -238,25 +195,7 @@ def spaced(points: Array, step: float) -> Array:
 
 
 def drivable(network: Any, line: Array, reach: float, width: float, gap: float) -> Any:
-    """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little.
-
-    Parameters
-    ----------
-    network : LaneletNetwork
-        Of commonroad-io.
-    line : (k, 2) array
-        m.
-    reach : float
-        How far around the line, m.
-    width : float
-        Of the vehicle, m.
-    gap : float
-        As in `road_in`.
-
-    Returns
-    -------
-    shapely.Polygon or shapely.MultiPolygon
-    """
+    """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little."""
     around, inwards = _about(line, reach), DRAWN_IN * width
     return road_in(network, around, gap, inwards).simplify(inwards).intersection(around.simplify(inwards))
 
@@ -265,21 +204,6 @@ def road_in(network: Any, around: Any, gap: float, inwards: float = 0.0) -> Any:
     """Return the road about an area: the lanes that meet it, those side by side as one, and narrow gaps filled.
 
     The official checker joins lanes side by side like this, and finds a car outside of the road in any other gap.
-
-    Parameters
-    ----------
-    network : LaneletNetwork
-        Of commonroad-io.
-    around : shapely geometry
-        m.
-    gap : float
-        Narrower gaps between other lanes are filled, m.
-    inwards : float
-        By which borders are drawn in, m.
-
-    Returns
-    -------
-    shapely.Polygon or shapely.MultiPolygon
     """
     from shapely import Polygon, make_valid, union_all
 
@@ -315,23 +239,7 @@ def _outlines(lanes: dict[int, Any]) -> Iterator[Array]:
 
 
 def lane_borders(network: Any, line: Array, reach: float, width: float) -> list[list[Point]]:
-    """Return the borders of all lanes around a line, each once, as polylines, m.
-
-    Parameters
-    ----------
-    network : LaneletNetwork
-        Of commonroad-io.
-    line : (k, 2) array
-        m.
-    reach : float
-        How far around the line, m.
-    width : float
-        Of the vehicle, m.
-
-    Returns
-    -------
-    list of polylines
-    """
+    """Return the borders of all lanes around a line, each once, as polylines, m."""
     from shapely import LineString
 
     around = _about(line, reach)
@@ -353,22 +261,7 @@ def _about(line: Array, reach: float) -> Any:
 
 
 def walls_around(area: Any, start: Any, width: float) -> list[list[Point]]:
-    """Return walls along the borders of that part of an area that holds the start.
-
-    Parameters
-    ----------
-    area : shapely.Polygon or shapely.MultiPolygon
-        m.
-    start : shapely geometry
-        What the vehicle covers at the start, m.
-    width : float
-        Of the vehicle, m.
-
-    Returns
-    -------
-    list of polygons
-        Convex, m.
-    """
+    """Return walls along the borders of that part of an area that holds the start."""
     parts = getattr(area, "geoms", [area])
     held = max(parts, key=lambda part: part.intersection(start).area, default=None)
     if held is None or held.is_empty:

@@ -5,92 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.scenario.commonroad_roads import GUIDE_STEP, spaced
+from scp_planner.formats.commonroad.roads import GUIDE_STEP, Point, lengths_along, spaced
 
-Point: TypeAlias = tuple[float, float]
-
-INSIDE = 0.01
-"""Of the size of a goal's region: how far inside its border the guide ends."""
-
-CORE = 0.5
-"""Of the radius of the largest disc in a goal's region: what the line is led through lies so far inside."""
-
-STRIDE = 0.1
-"""Lengths of the car, of a step in which it is steered."""
-
-SIGHT = 1.2
-"""Lengths of the car: how far ahead on the line it is steered to, at least."""
-
-SIGHT_TIME = 0.4
-"""s of the file, at the speed of the start: how far ahead it looks where that is farther."""
-
-LONGEST = 3.0
-"""Times the length of the line, after which a car that does not get to its end is no longer steered."""
+INSIDE = 0.01  # of the size of a goal's region: how far inside its border the guide ends
+CORE = 0.5  # of the radius of the largest disc in a goal's region: what the line is led through lies so far inside
+STRIDE = 0.1  # lengths of the car, of a step in which it is steered
+SIGHT = 1.2  # lengths of the car: how far ahead on the line it is steered to, at least
+SIGHT_TIME = 0.4  # s of the file, at the speed of the start: how far ahead it looks where that is farther
+LONGEST = 3.0  # times the length of the line, after which a car that does not get to its end is no longer steered
 
 
 @dataclass(frozen=True)
 class SteeredCar:
-    """A car that is steered.
+    """A car that is steered."""
 
-    Attributes
-    ----------
-    length : float
-        m.
-    ahead : float
-        How far its middle is ahead of its reference point, m.
-    bend : float
-        Largest curvature of the path of the reference point, 1/m.
-    sight : float
-        How far ahead it is steered to, m.
-    """
-
-    length: float
-    ahead: float
-    bend: float
-    sight: float
+    length: float  # m
+    ahead: float  # of its middle from its reference point, m
+    bend: float  # largest curvature of the reference point's path, 1/m
+    sight: float  # distance that it is steered to, m
 
 
 @dataclass(frozen=True)
 class DrivenLine:
-    """What a car drives.
+    """What a car drives."""
 
-    Attributes
-    ----------
-    places : (k, 2) array
-        Of its reference point, m.
-    headings : (k,) array
-        rad.
-    middles : (k, 2) array
-        Of the car, m.
-    stations : (k,) array
-        Driven until there, m.
-    """
-
-    places: Array
-    headings: Array
-    middles: Array
-    stations: Array
+    places: Array  # of the reference point, (k, 2) m
+    headings: Array  # (k,) rad
+    middles: Array  # of the car, (k, 2) m
+    stations: Array  # driven until there, (k,) m
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """Where a drive comes into a goal.
+    """Where a drive comes into a goal."""
 
-    Attributes
-    ----------
-    index : int
-        Of the drive.
-    place : shapely.Polygon
-        Which of the goal's places.
-    """
-
-    index: int
-    place: Any
+    index: int  # of the drive
+    place: Any  # shapely polygon of the goal
 
 
 def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> DrivenLine:
@@ -140,24 +95,7 @@ def _continued(line: Array, step: float, length: float) -> Array:
 
 
 def arrival(drive: DrivenLine, places: Sequence[Any], turned: Array, soonest: float, depth: float) -> Arrival:
-    """Return where a drive comes into one of some polygons with a heading that is allowed, or nearest to that.
-
-    Parameters
-    ----------
-    drive : DrivenLine
-    places : sequence of shapely polygons
-        m.
-    turned : (k,) array
-        By how much its headings are not allowed, rad.
-    soonest : float
-        How far the vehicle drives until it may arrive, m: it comes in so far, or as far as it is inside.
-    depth : float
-        Of what is inside from there on: how much farther it comes, 0 to 1.
-
-    Returns
-    -------
-    Arrival
-    """
+    """Return where a drive comes into one of some polygons with a heading that is allowed, or nearest to that."""
     from shapely import contains_xy, distance, points
 
     found: list[tuple[tuple[float, float, float], Arrival]] = []
@@ -206,7 +144,7 @@ def led_through(line: Array, places: Sequence[Any], length: float) -> Array:
         return line
     on_line, inside = nearest_points(curve, core)
     line = spaced(line, GUIDE_STEP)
-    share = np.clip((_lengths_along(line) - curve.project(on_line)) / length + 1.0, 0.0, 1.0)
+    share = np.clip((lengths_along(line) - curve.project(on_line)) / length + 1.0, 0.0, 1.0)
     return line + (share * share * (3.0 - 2.0 * share))[:, None] * np.array(
         [inside.x - on_line.x, inside.y - on_line.y]
     )
@@ -219,11 +157,6 @@ def heading_near(line: Array, place: Any) -> float:
     last = max(nearest, 1)
     leg = line[last] - line[last - 1]
     return math.atan2(leg[1], leg[0])
-
-
-def _lengths_along(line: Array) -> Array:
-    """The lengths of a polyline, (k, 2) m, up to its points, (k,) m."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
 
 
 def point_ahead(point: Point, heading: float, distance: float) -> Point:

@@ -11,8 +11,8 @@ pytest.importorskip("shapely", reason="comes with commonroad-io, which is not in
 
 from shapely import LineString, Polygon, box, union_all
 
+from scp_planner.formats.commonroad.roads import walls_around
 from scp_planner.mathematics import planar
-from scp_planner.scenario.commonroad_roads import walls_around
 
 WIDTH = 1.8
 TURN = np.linspace(0.0, 1.2 * math.pi, 40)

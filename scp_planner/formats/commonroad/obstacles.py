@@ -1,41 +1,24 @@
-"""Obstacles of CommonRoad files."""
+"""Obstacles of CommonRoad files, and what a car touches where it starts: then no trip is valid."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario.commonroad_goals import polygons_of
+from scp_planner.formats.commonroad.cars import Car
+from scp_planner.formats.commonroad.goals import ends_of, polygons_of
+from scp_planner.formats.commonroad.lines import rectangle
+from scp_planner.formats.commonroad.roads import SEEN_GAP, Point, road_in
 
-STILL = 0.2
-"""m of the file. What moves less than this in all of the recording stands."""
+NOTABLE = 1e-3  # widths of the car: what reaches less far over a border at the start may be rounding
+STILL = 0.2  # m of the file. What moves less than this in all of the recording stands.
 
 
 def obstacles_of(world: Any, step: float, name: str) -> list[dict[str, Any]]:
-    """Read all obstacles of a scenario of commonroad-io, but for phantoms of which nothing is foretold.
-
-    Parameters
-    ----------
-    world : commonroad.scenario.scenario.Scenario
-    step : float
-        s.
-    name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    list of dict
-        Fields of `scp_planner.Obstacle`.
-
-    Raises
-    ------
-    ScenarioError
-        As `obstacle_of`.
-    """
+    """Read all obstacles of a scenario of commonroad-io, but for phantoms of which nothing is foretold."""
     seen = [each for each in world.obstacles if hasattr(each, "initial_state") or _is_somewhere(each)]
     return [obstacle_of(each, step, name) for each in seen]
 
@@ -51,27 +34,7 @@ def _ground_of(obstacle: Any) -> Any:
 
 
 def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
-    """Read an obstacle.
-
-    Parameters
-    ----------
-    obstacle
-        Of commonroad-io.
-    step : float
-        s.
-    name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    dict
-        Fields of `scp_planner.Obstacle`.
-
-    Raises
-    ------
-    ScenarioError
-        If its places are not known exactly, or it is foretold by something else than a trajectory or sets.
-    """
+    """Read an obstacle."""
     prediction = getattr(obstacle, "prediction", None)
     identity = {"id": str(obstacle.obstacle_id)}
     own = f"obstacle {obstacle.obstacle_id}"
@@ -80,9 +43,9 @@ def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
         if not sets:
             text = "its prediction must be a trajectory or sets"
             raise ScenarioError(name, [Fault(own, MISSING, text)])
-        return {**identity, **_foretold_by_sets(sets, step)}
+        return {**identity, **_predicted_by_sets(sets, step)}
     if not hasattr(obstacle, "initial_state"):
-        return {**identity, **_foretold_by_sets([_Set(0, _ground_of(obstacle))], step)}
+        return {**identity, **_predicted_by_sets([(0.0, _ground_of(obstacle))], step)}
     initial = obstacle.initial_state
     states = [initial]
     if prediction is not None:
@@ -101,44 +64,30 @@ def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
     return {**identity, "shape": _shape(obstacle, None), "motion": course}
 
 
-@dataclass(frozen=True)
-class _Set:
-    """Where an obstacle may be at a step of time, or in an interval of steps."""
-
-    time_step: Any
-    shape: Any
-
-
-def _sets_of(prediction: Any) -> list[_Set]:
-    """Sets of a prediction, in the order of time; commonroad-io of 2024 has a list of them, later ones a mapping."""
+def _sets_of(prediction: Any) -> list[tuple[float, Any]]:
+    """Times, in steps, and sets of a prediction; commonroad-io of 2024 has a list of them, later ones a mapping."""
     listed = getattr(prediction, "occupancy_set", None)
-    if listed is not None:
-        sets = [_Set(each.time_step, each.shape) for each in listed]
-    else:
-        sets = [_Set(time, shape) for time, shape in getattr(prediction, "occupancies", {}).items()]
-    return sorted(sets, key=lambda each: _middle_step(each.time_step))
+    sets = (
+        getattr(prediction, "occupancies", {}).items() if listed is None else [(s.time_step, s.shape) for s in listed]
+    )
+    return sorted(((0.5 * sum(ends_of(time)), shape) for time, shape in sets), key=lambda each: each[0])
 
 
-def _foretold_by_sets(sets: Sequence[_Set], step: float) -> dict[str, Any]:
+def _predicted_by_sets(sets: Sequence[tuple[float, Any]], step: float) -> dict[str, Any]:
     """A course of the middles of sets, and a shape that covers each of them."""
     from shapely import MultiPoint, union_all
     from shapely.affinity import translate
 
-    covers = [union_all(polygons_of(each.shape)).convex_hull for each in sets]
+    covers = [union_all(polygons_of(shape)).convex_hull for _, shape in sets]
     middles = [cover.centroid for cover in covers]
     whole = union_all(
         [translate(cover, -middle.x, -middle.y) for cover, middle in zip(covers, middles, strict=True)]
     ).convex_hull
     shape = {"polygon": [list(corner) for corner in MultiPoint(whole.exterior.coords).convex_hull.exterior.coords[:-1]]}
-    times = [step * _middle_step(each.time_step) for each in sets]
     places = [[middle.x, middle.y] for middle in middles]
-    if len(times) == 1:
+    if len(sets) == 1:
         return {"shape": shape, "motion": {"position": places[0]}}
-    return {"shape": shape, "motion": {"time": times, "position": places}}
-
-
-def _middle_step(value: Any) -> float:
-    return 0.5 * (float(getattr(value, "start", value)) + float(getattr(value, "end", value)))
+    return {"shape": shape, "motion": {"time": [step * time for time, _ in sets], "position": places}}
 
 
 def _shape(obstacle: Any, heading: float | None) -> dict[str, Any]:
@@ -162,3 +111,26 @@ def _shape(obstacle: Any, heading: float | None) -> dict[str, Any]:
     around = union_all(polygons_of(placed)).convex_hull
     vertices = np.array(around.exterior.coords)[:-1] - np.asarray(state.position, dtype=float)
     return {"polygon": vertices.tolist()}
+
+
+def touched_by(middle: Point, heading: float, car: Car, world: Any, time_step: int) -> str | None:
+    """Say what the rectangle of a car touches where it starts."""
+    from shapely import Point as PointOf
+
+    body, notable = rectangle(middle, heading, car.length, car.width), NOTABLE * car.width
+    core = body.buffer(-notable)
+    for obstacle in world.obstacles:
+        occupancy = obstacle.occupancy_at_time(time_step)
+        # In commonroad-io of 2024 an occupancy has a shape; later ones are one.
+        shape = getattr(occupancy, "shape", occupancy)
+        if shape is not None and any(polygon.intersects(core) for polygon in polygons_of(shape)):
+            return f"meets obstacle {obstacle.obstacle_id}"
+    if not world.lanelet_network.lanelets:
+        return None
+    road = road_in(world.lanelet_network, body, SEEN_GAP)
+    if road.is_empty:
+        return "stands beside the road"
+    beyond = body.difference(road.buffer(notable))
+    parts = [part for part in getattr(beyond, "geoms", [beyond]) if not part.is_empty]
+    depth = max((road.distance(PointOf(corner)) for part in parts for corner in part.exterior.coords), default=0.0)
+    return f"reaches {depth:.3g} m beyond the border of the road" if parts else None

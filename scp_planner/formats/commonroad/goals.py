@@ -13,11 +13,8 @@ from typing import Any
 
 from scp_planner.errors import MISSING, Fault, ScenarioError
 
-PRECISION = 1e-6
-"""m: the format's own."""
-
-ARC_SIDES = 16
-"""Of a quarter of a disc's outline, inside of it."""
+PRECISION = 1e-6  # m: the format's own
+ARC_SIDES = 16  # of a quarter of a disc's outline, inside of it
 
 
 @dataclass(frozen=True)
@@ -46,25 +43,13 @@ class GoalAim:
 
 @dataclass(frozen=True)
 class GoalState:
-    """One of the states that end a problem.
+    """One of the states that end a problem."""
 
-    Attributes
-    ----------
-    places : tuple of shapely polygons
-        Where, m; empty where the goal is of time alone.
-    earliest, latest : float or None
-        Absolute times, s; None before the start.
-    speed : (least, largest) or None
-        m/s.
-    heading : (least, largest) or None
-        rad.
-    """
-
-    places: tuple[Any, ...]
-    earliest: float | None
-    latest: float | None
-    speed: tuple[float, float] | None
-    heading: tuple[float, float] | None
+    places: tuple[Any, ...]  # shapely polygons, m; none where the goal is of time alone
+    earliest: float | None  # absolute, s; None before the start
+    latest: float | None  # absolute, s; None before the start
+    speed: tuple[float, float] | None  # least and largest, m/s
+    heading: tuple[float, float] | None  # least and largest, rad
 
     def fields(self) -> dict[str, Any]:
         """Fields of a scenario's goal, but for where it is."""
@@ -77,26 +62,7 @@ class GoalState:
 
 
 def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
-    """Read the goal states of a planning problem.
-
-    Parameters
-    ----------
-    problem : PlanningProblem
-        Of commonroad-io.
-    step : float
-        s.
-    name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    list of GoalState
-
-    Raises
-    ------
-    ScenarioError
-        If there is none.
-    """
+    """Read the goal states of a planning problem."""
     states = problem.goal.state_list
     if not states:
         number = problem.planning_problem_id
@@ -106,23 +72,7 @@ def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
 
 
 def ahead_of(state: GoalState, start: tuple[float, float], heading: float, gap: float) -> GoalState:
-    """Return a goal state without what of its places is behind a place that they hold: there is nothing to drive.
-
-    Parameters
-    ----------
-    state : GoalState
-    start : (x, y)
-        m.
-    heading : float
-        rad.
-    gap : float
-        How far ahead of the start what is left begins, m.
-
-    Returns
-    -------
-    GoalState
-        The same where no place holds the start, or nothing would be left.
-    """
+    """Return a goal state without what of its places is behind a place that they hold: there is nothing to drive."""
     from shapely import Point, Polygon
 
     left: list[Any] = []
@@ -173,17 +123,7 @@ def ends_of(value: Any) -> tuple[float, float]:
 
 
 def polygons_of(shape: Any) -> list[Any]:
-    """Give a shape of commonroad-io, in any version, as polygons of shapely.
-
-    Parameters
-    ----------
-    shape
-        A rectangle, disc or polygon, or a group of them.
-
-    Returns
-    -------
-    list of shapely.Polygon
-    """
+    """Give a shape of commonroad-io, in any version, as polygons of shapely."""
     for group in ("shapes", "occupancies"):
         parts: Sequence[Any] | None = getattr(shape, group, None)
         if parts is not None:
@@ -204,18 +144,6 @@ def seen_heading(heading: tuple[float, float], near: float) -> tuple[float, floa
     """Return the headings of a point mass that the official checker takes for ones of a range.
 
     It takes atan2(v_y, |v|) = atan(sin h) for the heading h of a point mass.
-
-    Parameters
-    ----------
-    heading : (least, largest)
-        rad.
-    near : float
-        Which of its two ranges: the one that is nearer to this heading, rad.
-
-    Returns
-    -------
-    (least, largest) or None
-        rad; None where it takes none for one of them.
     """
     low, high = (math.tan(max(min(end, 0.25 * math.pi), -0.25 * math.pi)) for end in _about_zero(heading))
     if low >= high:

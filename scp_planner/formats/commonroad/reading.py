@@ -30,52 +30,16 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario.commonroad_goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
-from scp_planner.scenario.commonroad_lines import (
-    SIGHT,
-    SIGHT_TIME,
-    Arrival,
-    DrivenLine,
-    Point,
-    SteeredCar,
-    arrival,
-    driven,
-    heading_near,
-    led_through,
-    point_ahead,
-    rectangle,
-    turned_too_far,
-)
-from scp_planner.scenario.commonroad_models import (
-    FEWEST_DISCS,
-    VehicleModel,
-    car_named,
-    centre_of,
-    default_car,
-    swerving,
-    vehicle_of,
-)
-from scp_planner.scenario.commonroad_obstacles import obstacles_of
-from scp_planner.scenario.commonroad_roads import (
-    GAP,
-    GUIDE_STEP,
-    SEEN_GAP,
-    drivable,
-    lane_borders,
-    route_ahead,
-    route_to,
-    spaced,
-    walls_around,
-)
-from scp_planner.scenario.commonroad_start import touched_by
+from scp_planner.formats.commonroad import lines, roads
+from scp_planner.formats.commonroad.cars import FEWEST_DISCS, VehicleModel, body_of, centre_of, swerving, vehicle_of
+from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
+from scp_planner.formats.commonroad.lines import point_ahead, rectangle
+from scp_planner.formats.commonroad.obstacles import obstacles_of, touched_by
+from scp_planner.formats.commonroad.roads import Point
 from scp_planner.scenario.models import Scenario, Vehicle
 
-LENGTH, WIDTH = 4.5, 1.8
-"""m, of the default vehicle."""
-
-DISC_SPACING = 0.9
-"""m between the five discs that cover it."""
-
+LENGTH, WIDTH = 4.5, 1.8  # m, of the default vehicle
+DISC_SPACING = 0.9  # m between the five discs that cover it
 CAR = {
     "radius": math.hypot(0.5 * WIDTH, 0.5 * LENGTH - 2.0 * DISC_SPACING),
     "discs": tuple(DISC_SPACING * k for k in (-2, -1, 0, 1, 2)),
@@ -92,47 +56,60 @@ SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 MORE_DISCS = (5, 9, 17, 33)
 """That cover a car of the benchmark: more where it stands so close to something that fewer touch it at the start."""
 
-SLOWEST = 2.0
-"""m/s of the file, that a goal of time alone is planned with at least."""
-
-BLEND = 1.5
-"""s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal."""
-
-BEYOND = 1.5
-"""Times the way to a goal of time alone, that the line goes on for at least."""
-
+SLOWEST = 2.0  # m/s of the file, that a goal of time alone is planned with at least
+BLEND = 1.5  # s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal
+BEYOND = 1.5  # times the way to a goal of time alone, that the line goes on for at least
 UNHURRIED = 0.7
 """Of the speed at the start; a goal that may only be reached later than so is reached where it goes on that long."""
 
-REAR_WIDTH = 1.3
-"""Widths of the vehicle: of the room behind it at the start for the discs that cover it."""
-
+REAR_WIDTH = 1.3  # widths of the vehicle: of the room behind it at the start for the discs that cover it
 NEARLY = 0.1
 """Lengths of the default vehicle: so far ahead a goal begins that holds the vehicle at the start, or one step ahead."""
 
-REACH = 8.0
-"""Lengths of the vehicle around the guide in which the road is looked at."""
+REACH = 8.0  # lengths of the vehicle around the guide in which the road is looked at
 
 
 @dataclass(frozen=True)
 class CommonRoadFile:
-    """A file that has been read.
-
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    world : commonroad.scenario.scenario.Scenario
-    problem : commonroad.planning.planning_problem.PlanningProblem
-    """
+    """A file that has been read: of commonroad-io its scenario and one of its planning problems."""
 
     name: str
     world: Any
     problem: Any
 
+    @property
+    def step(self) -> float:
+        """Step of time, s."""
+        return float(self.world.dt)
+
+    @property
+    def begin(self) -> float:
+        """Time of the start, s."""
+        return self.step * self.problem.initial_state.time_step
+
+    @property
+    def middle(self) -> Point:
+        """Place of the vehicle's middle at the start, m."""
+        x, y = self.problem.initial_state.position
+        return float(x), float(y)
+
+    @property
+    def heading(self) -> float:
+        """At the start, rad."""
+        return float(self.problem.initial_state.orientation)
+
+    @property
+    def speed(self) -> float:
+        """At the start, m/s."""
+        return float(self.problem.initial_state.velocity)
+
     def goal_states(self) -> list[GoalState]:
         """Return the goal's states; ScenarioError if there is none."""
-        return goal_states(self.problem, float(self.world.dt), self.name)
+        return goal_states(self.problem, self.step, self.name)
+
+    def refused(self, key: str, value: object, text: str) -> ScenarioError:
+        """Return the error that names what cannot be planned with."""
+        return ScenarioError(self.name, [Fault(key, value, text)])
 
 
 @dataclass(frozen=True)
@@ -144,11 +121,12 @@ class _Vehicle:
     length: float
     centre: float
 
-    def steering(self, speed: float) -> SteeredCar:
+    def steering(self, speed: float) -> lines.SteeredCar:
         """How it is steered along a line from a speed on, m/s."""
         given = self.fields.max_curvature if isinstance(self.fields, Vehicle) else self.fields.get("max_curvature")
         bend = given if given is not None and math.isfinite(given) else 1.0 / self.length
-        return SteeredCar(self.length, self.centre, bend, max(SIGHT * self.length, SIGHT_TIME * speed))
+        sight = max(lines.SIGHT * self.length, lines.SIGHT_TIME * speed)
+        return lines.SteeredCar(self.length, self.centre, bend, sight)
 
 
 def load_commonroad(
@@ -179,7 +157,7 @@ def load_commonroad(
         `export_commonroad_solution` writes it.
     car : str, optional
         The benchmark's car for the model; default: the BMW 320i, for KST the truck.
-    aim : scp_planner.scenario.commonroad_goals.GoalAim, optional
+    aim : scp_planner.formats.commonroad.goals.GoalAim, optional
         Which of the goal's states to plan for, and where on the lane if it is one of time alone; default: the first,
         as far as the speed of the start leads.
     borders : bool
@@ -214,61 +192,38 @@ def scenario_of(
     borders: bool = True,
     discs: int = FEWEST_DISCS,
 ) -> Scenario:
-    """Make the scenario of a file that has been read, as `load_commonroad` does.
-
-    Parameters
-    ----------
-    file : CommonRoadFile
-    vehicle, guide, model, car, aim, borders
-        As in `load_commonroad`.
-    discs : int
-        How many cover a model's car at least: one of `MORE_DISCS`. The more, the less they stick out of it.
-
-    Returns
-    -------
-    Scenario
-
-    Raises
-    ------
-    ScenarioError, ValueError
-        As `load_commonroad`.
-    """
+    """Make the scenario of a file that has been read, as `load_commonroad` does."""
     if vehicle is not None and model is not None:
         raise ValueError("vehicle: a model has its own car; give the one or the other")
     aim = aim or GoalAim()
     states = file.goal_states()
     if not 0 <= aim.state < len(states):
-        raise ScenarioError(file.name, [Fault("goalState", aim.state, f"must be less than {len(states)}")])
-    start, step = file.problem.initial_state, float(file.world.dt)
-    gap = max(step * float(start.velocity), NEARLY * LENGTH)
-    middle = (float(start.position[0]), float(start.position[1]))
-    goal = ahead_of(states[aim.state], middle, float(start.orientation), gap)
-    reader = _Reader(file.name, file.world, file.problem, goal, guide, borders, aim)
+        raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
+    gap = max(file.step * file.speed, NEARLY * LENGTH)
+    goal = ahead_of(states[aim.state], file.middle, file.heading, gap)
+    reader = _Reader(file, goal, guide, borders, aim)
     if model is None:
-        return reader.scenario(_default_vehicle(vehicle, start), None, None)
-    return _with_enough_discs(reader, _model_named(model), car, discs)
+        return reader.scenario(_default_vehicle(vehicle, file.speed), None)
+    return _with_enough_discs(reader, VehicleModel.named(model), car, discs)
 
 
 def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fewest: int) -> Scenario:
     """The scenario of a car of the benchmark, covered by as many discs as it takes to touch nothing at the start."""
-    body = car_named(car or default_car(model), model)
-    step, start = float(reader.world.dt), reader.problem.initial_state
-    if model is VehicleModel.PM and abs(float(start.orientation)) > math.pi:
+    file, body = reader.file, body_of(car, model)
+    if model is VehicleModel.PM and abs(file.heading) > math.pi:
         text = "the official checker compares headings as numbers, and those of a point mass are in [-pi, pi]"
-        raise ScenarioError(reader.name, [Fault("initialState.orientation", float(start.orientation), text)])
-    middle = (float(start.position[0]), float(start.position[1]))
-    touched = touched_by(middle, float(start.orientation), body, reader.world, int(start.time_step))
+        raise file.refused("initialState.orientation", file.heading, text)
+    touched = touched_by(file.middle, file.heading, body, file.world, int(file.problem.initial_state.time_step))
     if touched is not None:
         text = f"no solution is valid: the car, {body.length:g} m by {body.width:g} m, {touched} where it starts"
-        raise ScenarioError(reader.name, [Fault("initialState.position", middle, text)])
-    refused = ScenarioError(reader.name, [])
+        raise file.refused("initialState.position", file.middle, text)
+    refused = ScenarioError(file.name, [])
     for discs in (count for count in MORE_DISCS if count >= fewest):
         fields = vehicle_of(body, model, discs)
         if model is VehicleModel.PM:
-            fields |= swerving(fields, step, float(start.velocity))
-        own = _Vehicle(fields, body.width, body.length, centre_of(body, model))
+            fields |= swerving(fields, file.step, file.speed)
         try:
-            return reader.scenario(own, step, model)
+            return reader.scenario(_Vehicle(fields, body.width, body.length, centre_of(body, model)), model)
         except ScenarioError as error:
             refused = error
             if any(fault.path != "start.position" for fault in error.faults):
@@ -276,36 +231,8 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fe
     raise refused
 
 
-def _model_named(name: str) -> VehicleModel:
-    try:
-        return VehicleModel(name)
-    except ValueError:
-        raise ValueError(f"model: must be one of {', '.join(VehicleModel)}, not {name!r}") from None
-
-
 def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> CommonRoadFile:
-    """Read a CommonRoad file with commonroad-io.
-
-    Parameters
-    ----------
-    path : path
-        XML file, of version 2018b or 2020a.
-    problem : int, optional
-        Id of the planning problem; default: the first one.
-
-    Returns
-    -------
-    CommonRoadFile
-
-    Raises
-    ------
-    ScenarioError
-        If the file is none of CommonRoad, or has no such problem.
-    ImportError
-        If commonroad-io is not installed.
-    OSError
-        If the file cannot be read.
-    """
+    """Read a CommonRoad file with commonroad-io."""
     name = str(path)
     try:
         from commonroad.common.file_reader import CommonRoadFileReader
@@ -322,18 +249,18 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
         raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
     finally:
         reader_log.setLevel(level)
-    chosen = _chosen(problems.planning_problem_dict, problem, name)
-    _check_start(chosen.initial_state, name)
-    return CommonRoadFile(name, world, chosen)
-
-
-def _check_start(start: Any, name: str) -> None:
-    """Refuse a start that is known as a set alone."""
-    kinds = {"position": (2,), "orientation": (), "velocity": ()}
-    text = "must be known exactly"
+    chosen = problems.planning_problem_dict
+    if not chosen:
+        raise ScenarioError(name, [Fault("planningProblem", MISSING, "there must be one")])
+    if problem is not None and problem not in chosen:
+        raise ScenarioError(name, [Fault("planningProblem", problem, f"must be one of {', '.join(map(str, chosen))}")])
+    file = CommonRoadFile(name, world, chosen[next(iter(chosen)) if problem is None else problem])
+    kinds, start = {"position": (2,), "orientation": (), "velocity": ()}, file.problem.initial_state
     unknown = [key for key, shape in kinds.items() if not _is_exact(getattr(start, key, None), shape)]
     if unknown:
+        text = "must be known exactly"
         raise ScenarioError(name, [Fault(f"initialState.{key}", MISSING, text) for key in unknown])
+    return file
 
 
 def _is_exact(value: Any, shape: tuple[int, ...]) -> bool:
@@ -343,17 +270,6 @@ def _is_exact(value: Any, shape: tuple[int, ...]) -> bool:
         return False
 
 
-def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
-    if not problems:
-        raise ScenarioError(name, [Fault("planningProblem", MISSING, "there must be one")])
-    if wanted is None:
-        return next(iter(problems.values()))
-    if wanted not in problems:
-        ids = ", ".join(str(each) for each in problems)
-        raise ScenarioError(name, [Fault("planningProblem", wanted, f"must be one of {ids}")])
-    return problems[wanted]
-
-
 def _straight_to(start: Point, place: Any) -> Array:
     """A line from a point through the middle of a polygon, and as far beyond that as it may reach, m."""
     middle = place.representative_point()
@@ -361,9 +277,9 @@ def _straight_to(start: Point, place: Any) -> Array:
     return np.array([start, point_ahead((middle.x, middle.y), turn, math.sqrt(place.area))])
 
 
-def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, start: Any) -> _Vehicle:
+def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, speed: float) -> _Vehicle:
     if vehicle is None:
-        top = max(SPEED_RESERVE * float(start.velocity), LEAST_TOP_SPEED)
+        top = max(SPEED_RESERVE * speed, LEAST_TOP_SPEED)
         return _Vehicle({**CAR, "max_speed": top}, WIDTH, LENGTH, 0.0)
     fields = vehicle.model_dump() if isinstance(vehicle, Vehicle) else vehicle
     radius = float(fields.get("radius", 0.5 * WIDTH))
@@ -374,73 +290,58 @@ def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, start: Any) ->
 
 @dataclass(frozen=True)
 class _Reader:
-    """What a scenario is made of.
+    """Makes scenarios of a file, of one of its goals, with lanes as a guide and borders as walls, if wanted."""
 
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    world, problem
-        Objects of commonroad-io.
-    goal : GoalState
-    guided, bordered : bool
-        Whether lanes make a guide, and borders walls.
-    aim : GoalAim
-    """
-
-    name: str
-    world: Any
-    problem: Any
+    file: CommonRoadFile
     goal: GoalState
     guided: bool
     bordered: bool
     aim: GoalAim
 
-    def scenario(self, vehicle: _Vehicle, arrival_step: float | None, model: VehicleModel | None) -> Scenario:
-        """Make the scenario of a vehicle, which arrives on steps of time, s, if given, and moves like a model."""
-        state, step = self.problem.initial_state, float(self.world.dt)
-        middle: Point = (float(state.position[0]), float(state.position[1]))
-        heading, speed = float(state.orientation), float(state.velocity)
-        start = point_ahead(middle, heading, -vehicle.centre)
-        line = self._line(middle, heading, speed)
-        drive = driven(line, start, heading, vehicle.steering(speed))
+    def scenario(self, vehicle: _Vehicle, model: VehicleModel | None) -> Scenario:
+        """Make the scenario of a vehicle, which arrives on steps of time if it moves like a model."""
+        file = self.file
+        start, line = point_ahead(file.middle, file.heading, -vehicle.centre), self._line()
+        drive = lines.driven(line, start, file.heading, vehicle.steering(file.speed))
         headings = self._headings(model, line)
         end = self._arrival(drive, headings, vehicle)
         if end.index == 0:
             text = "nothing that drives forward along the lanes comes nearer to it than where it starts"
-            raise ScenarioError(self.name, [Fault("goalState.position", MISSING, text)])
-        guide = spaced(drive.places[: end.index + 1], GUIDE_STEP) if end.index > 1 else np.array([start])
-        walls = self._walls(guide, middle, heading, vehicle, judged=model is not None) if self.bordered else []
+            raise file.refused("goalState.position", MISSING, text)
+        guide = roads.spaced(drive.places[: end.index + 1], roads.GUIDE_STEP) if end.index > 1 else np.array([start])
+        gap = roads.GAP * vehicle.width if model is None else roads.SEEN_GAP
         goal = {
             "position": tuple(drive.places[end.index].tolist()),
             "region": [(float(x), float(y)) for x, y in end.place.exterior.coords[:-1]],
             "heading_range": headings,
-            "arrival_step": arrival_step,
+            "arrival_step": None if model is None else file.step,
         }
         return Scenario(
-            name=Path(self.name).stem,
+            name=Path(file.name).stem,
             vehicle=vehicle.fields,
-            start={"time": step * state.time_step, "position": start, "heading": heading, "speed": speed},
+            start={"time": file.begin, "position": start, "heading": file.heading, "speed": file.speed},
             goal={**self.goal.fields(), **goal},
             guide=guide.tolist() if self.guided and len(guide) > 1 else None,
-            walls=walls,
-            lanes=lane_borders(self.world.lanelet_network, guide, REACH * vehicle.length, vehicle.width),
-            obstacles=obstacles_of(self.world, step, self.name),
+            walls=self._walls(guide, vehicle, gap) if self.bordered else [],
+            lanes=roads.lane_borders(file.world.lanelet_network, guide, REACH * vehicle.length, vehicle.width),
+            obstacles=obstacles_of(file.world, file.step, file.name),
         )
 
-    def _line(self, start: Point, heading: float, speed: float) -> Array:
+    def _line(self) -> Array:
         """The line of the route, (k, 2) m, as far as it may be wanted; a straight one where no lanes lead there."""
-        network, places = self.world.lanelet_network, self.goal.places
+        network, places = self.file.world.lanelet_network, self.goal.places
+        start, heading, speed = self.file.middle, self.file.heading, self.file.speed
         if places:
-            route = route_to(network, start, heading, places)
+            route = roads.route_to(network, start, heading, places)
             if route is None:
                 return _straight_to(start, places[0])
             last = route.lanes[-1].polygon.shapely_object
             at = max(places, key=lambda place: place.intersection(last).area).representative_point()
             line = np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
-            return led_through(line, places, max(BLEND * speed, 2.0 * GUIDE_STEP)) if len(line) > 1 else line
-        way = self._timed_way(speed)
-        route = route_ahead(network, start, heading, BEYOND * way)
+            blend = max(BLEND * speed, 2.0 * roads.GUIDE_STEP)
+            return lines.led_through(line, places, blend) if len(line) > 1 else line
+        way = self._timed_way()
+        route = roads.route_ahead(network, start, heading, BEYOND * way)
         line = np.zeros((0, 2)) if route is None else route.line(start)
         return line if len(line) > 1 else np.array([start, point_ahead(start, heading, BEYOND * way)])
 
@@ -449,46 +350,41 @@ class _Reader:
         given = self.goal.heading
         if given is None or model is not VehicleModel.PM:
             return given
-        seen = seen_heading(given, heading_near(line, self.goal.places[0]) if self.goal.places else 0.0)
+        seen = seen_heading(given, lines.heading_near(line, self.goal.places[0]) if self.goal.places else 0.0)
         if seen is None:
             text = (
                 f"no point mass gets there: the official checker takes atan(sin h) for its heading h, which is never in"
                 f" [{given[0]:g}, {given[1]:g}]; plan with model KS"
             )
-            raise ScenarioError(self.name, [Fault("goalState.orientation", MISSING, text)])
+            raise self.file.refused("goalState.orientation", MISSING, text)
         return seen
 
-    def _soonest(self) -> float:
-        """How far the vehicle drives, a little slower than it starts, until it may arrive, m."""
-        begin = float(self.world.dt) * self.problem.initial_state.time_step
-        time = max((self.goal.earliest or begin) - begin, 0.0)
-        return UNHURRIED * float(self.problem.initial_state.velocity) * time
+    def _timed_way(self) -> float:
+        """Distance that the vehicle drives at the speed of its start until the goal's time, m."""
+        time = (self.goal.earliest or self.goal.latest or self.file.begin) - self.file.begin
+        return self.aim.timed_way * max(self.file.speed, SLOWEST) * max(time, self.file.step)
 
-    def _timed_way(self, speed: float) -> float:
-        """How far the vehicle drives at the speed of its start until the goal's time, m."""
-        begin = float(self.world.dt) * self.problem.initial_state.time_step
-        time = (self.goal.earliest or self.goal.latest or begin) - begin
-        return self.aim.timed_way * max(speed, SLOWEST) * max(time, float(self.world.dt))
-
-    def _arrival(self, drive: DrivenLine, headings: tuple[float, float] | None, vehicle: _Vehicle) -> Arrival:
-        """Where on a drive the goal is."""
+    def _arrival(
+        self, drive: lines.DrivenLine, headings: tuple[float, float] | None, vehicle: _Vehicle
+    ) -> lines.Arrival:
+        """Where on a drive the goal is: not before the vehicle can be there, if it drives a little slower than now."""
         if self.goal.places:
-            turned = turned_too_far(drive.headings, headings, self.aim.turn)
-            return arrival(drive, self.goal.places, turned, self._soonest(), self.aim.depth)
-        way = self._timed_way(float(self.problem.initial_state.velocity))
-        index = min(int(np.searchsorted(drive.stations, way)), len(drive.stations) - 1)
+            turned = lines.turned_too_far(drive.headings, headings, self.aim.turn)
+            time = max((self.goal.earliest or self.file.begin) - self.file.begin, 0.0)
+            soonest = UNHURRIED * self.file.speed * time
+            return lines.arrival(drive, self.goal.places, turned, soonest, self.aim.depth)
+        index = min(int(np.searchsorted(drive.stations, self._timed_way())), len(drive.stations) - 1)
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
-        return Arrival(index, rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width))
+        around = rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width)
+        return lines.Arrival(index, around)
 
-    def _walls(
-        self, line: Array, middle: Point, heading: float, vehicle: _Vehicle, *, judged: bool
-    ) -> list[list[Point]]:
-        """Walls beside the road; as the official checker sees it, where it will judge the trip."""
-        if not self.world.lanelet_network.lanelets:
+    def _walls(self, line: Array, vehicle: _Vehicle, gap: float) -> list[list[Point]]:
+        """Walls beside the road around a line, in which gaps as narrow as given are filled, m."""
+        file, width = self.file, vehicle.width
+        if not file.world.lanelet_network.lanelets:
             return []
-        gap = SEEN_GAP if judged else GAP * vehicle.width
-        area = drivable(self.world.lanelet_network, line, REACH * vehicle.length, vehicle.width, gap)
+        area = roads.drivable(file.world.lanelet_network, line, REACH * vehicle.length, width, gap)
         # Discs reach beyond the rear of what they cover; the vehicle only moves away from there.
-        rear = point_ahead(middle, heading, -0.5 * vehicle.length)
-        area = area.union(rectangle(rear, heading, 2.0 * vehicle.width, REAR_WIDTH * vehicle.width))
-        return walls_around(area, rectangle(middle, heading, vehicle.length, vehicle.width), vehicle.width)
+        rear = point_ahead(file.middle, file.heading, -0.5 * vehicle.length)
+        area = area.union(rectangle(rear, file.heading, 2.0 * width, REAR_WIDTH * width))
+        return roads.walls_around(area, rectangle(file.middle, file.heading, vehicle.length, width), width)

@@ -24,13 +24,13 @@ from scp_planner.cli import app
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 
 from scp_planner.errors import TooLargeError
-from scp_planner.export.commonroad_solution import export_commonroad_solution
+from scp_planner.formats.commonroad.cars import CARS, VehicleModel, car_named, vehicle_of
+from scp_planner.formats.commonroad.goals import GoalAim, seen_heading
+from scp_planner.formats.commonroad.planning import plan_commonroad
+from scp_planner.formats.commonroad.reading import load_commonroad
+from scp_planner.formats.commonroad.solution import export_commonroad_solution
 from scp_planner.planning import offline
-from scp_planner.planning.commonroad import plan_commonroad
 from scp_planner.planning.plan import PlanStatus
-from scp_planner.scenario.commonroad import load_commonroad
-from scp_planner.scenario.commonroad_goals import GoalAim, seen_heading
-from scp_planner.scenario.commonroad_models import CARS, VehicleModel, car_named, vehicle_of
 
 LENGTH, LANE = 120.0, 3.5
 STEP = 0.1
@@ -286,7 +286,7 @@ def test_trials_that_there_is_no_time_for_leave_what_there_is(road_file: Path, m
             raise TooLargeError("the time is over")
         return offline.planned(scenario, *rest, **more)
 
-    monkeypatch.setattr("scp_planner.planning.commonroad.planned", planned)
+    monkeypatch.setattr("scp_planner.formats.commonroad.planning.planned", planned)
     made = plan_commonroad(road_file, model="PM")
     assert len(asked) > 1
     assert made.scenario is asked[0]
@@ -302,7 +302,7 @@ def test_all_aims_are_tried_before_the_first_one_is_tried_thoroughly(road_file: 
         found = offline.planned(scenario, *rest, thorough=thorough, **more)
         return replace(found, status=PlanStatus.INFEASIBLE)
 
-    monkeypatch.setattr("scp_planner.planning.commonroad.planned", planned)
+    monkeypatch.setattr("scp_planner.formats.commonroad.planning.planned", planned)
     assert not plan_commonroad(road_file, model="KS").plan.certified
     assert [thorough for _, thorough in asked] == [False] * (len(asked) - 1) + [True]
     aims = [scenario for scenario, thorough in asked if not thorough]
@@ -326,7 +326,7 @@ def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, 
     made = plan_commonroad(file, model="KS")
     assert made.plan.certified
     export_commonroad_solution(made.plan, file, tmp_path / "late.sol.xml", model="KS")
-    monkeypatch.setattr("scp_planner.planning.commonroad.SOFTER", ())
+    monkeypatch.setattr("scp_planner.formats.commonroad.planning.SOFTER", ())
     hard = plan_commonroad(file, model="KS")
     assert hard.plan.certified
     with pytest.raises(ValueError, match="would not find the inputs"):
