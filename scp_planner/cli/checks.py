@@ -63,7 +63,8 @@ def check(
     check_number("--slack", slack, 0.0)
     trips = [_load(file) for file in files]
     own = [commonroad.scenario_of(scenario_file, trip) for trip in trips]
-    scenario = own[0] if None not in own else load_scenario(scenario_file, motion)
+    made_for = [each for each in own if each is not None]
+    scenario = made_for[0] if len(made_for) == len(own) else load_scenario(scenario_file, motion)
     driven = [each or scenario for each in own]
     certificates = [
         certify(_widened(each, 1.0 + slack) if slack else each, trip) for each, trip in zip(driven, trips, strict=True)

@@ -93,7 +93,9 @@ def route_ahead(network: Any, start: Point, heading: float, length: float) -> Ro
 def _ways(network: Any, lanes: dict[int, Any], start: Point, heading: float) -> Iterator[tuple[tuple[int, ...], float]]:
     """Shortest ways to all lanes, the nearest first, and how far from the start their last lanes end, m."""
     first = _lanes_at(network, lanes, start, heading)
-    queue = [(0.0, -_station(lanes[key], start) * _length(lanes[key]), key, (key,)) for key in first]
+    queue: list[tuple[float, float, int, tuple[int, ...]]] = [
+        (0.0, -_station(lanes[key], start) * _length(lanes[key]), key, (key,)) for key in first
+    ]
     heapq.heapify(queue)
     done: set[int] = set()
     while queue:
