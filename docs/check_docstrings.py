@@ -6,6 +6,8 @@ class, and of its bases, count) has a docstring:
 - with sections, it documents all parameters of the signature, in order, and the result;
 - the exceptions raised in the body are among those that it names;
 - it gives the shape of each array and the unit of each number.
+
+And no docstring in the package, of whatever name, begins with a pronoun.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ import scp_planner
 
 ROOT = Path(__file__).resolve().parent.parent
 REFERENCE = ROOT / "docs" / "reference"
+PRONOUN = re.compile(r"\s*(What|Who|Whether|That|Those|The same|Of|It is|How|Where|When|Which)\b")
 NOT_HERE = ("cli",)  # documented by their options; see make_reference.py
 SHAPE = re.compile(
     r"\([^()]*(?:\d|\.\.\.)[^()]*\)|\(\w\)|\(\w,\)|\(\w \+ \w,\)|\(\w, \w\)|same shape|shape of|scalar", re.IGNORECASE
@@ -59,6 +62,9 @@ def faults(package: str, folder: Path, shown: Collection[str]) -> Iterator[str]:
     for item in _reached(griffe.load(package, search_paths=[folder], docstring_parser="numpy"), shown):
         where = f"{Path(str(item.filepath)).relative_to(folder)}:{item.lineno}: {item.path.partition('.')[2]}"
         yield from (f"{where}: {fault}" for fault in (*_signature_faults(item), *_api_faults(item)))
+    for path in sorted((folder / package).rglob("*.py")):
+        for line, begins in _pronouns(ast.parse(path.read_text(encoding="utf-8"))):
+            yield f"{path.relative_to(folder)}:{line}: docstring: begins with {begins!r}"
 
 
 def _reached(parent: griffe.Object, shown: Collection[str]) -> Iterator[griffe.Object]:
@@ -71,6 +77,17 @@ def _reached(parent: griffe.Object, shown: Collection[str]) -> Iterator[griffe.O
             yield member  # type: ignore[misc]
         if member.is_module or member.is_class:
             yield from _reached(member, shown)  # type: ignore[arg-type]
+
+
+def _pronouns(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Give line and pronoun of each docstring that begins with one; strings below attributes are docstrings, too."""
+    for node in ast.walk(tree):
+        for statement in getattr(node, "body", []) if not isinstance(node, ast.Lambda | ast.IfExp) else []:
+            value = statement.value if isinstance(statement, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                begins = PRONOUN.match(value.value)
+                if begins:
+                    yield value.lineno, begins[1]
 
 
 def _sections(item: griffe.Object) -> dict[str, griffe.DocstringSection]:

@@ -72,6 +72,9 @@ def shown(a: int, b: int) -> int:
         ('def hidden(a: int) -> int:\n    """Do it.\n\n    Returns\n    -------\n    int\n    """\n    return a\n', []),
         ("def shown() -> None:\n    pass\n", ["has no docstring"]),
         ("class Base:\n    def inherited(self) -> None:\n        pass\n", ["has no docstring"] * 2),
+        ('def hidden() -> None:\n    """Whether it is so."""\n', ["begins with 'Whether'"]),
+        ('class Hidden:\n    a: int\n    """The same in order."""\n', ["begins with 'The same'"]),
+        ('"""Of things."""\n', ["begins with 'Of'"]),
         ('def hidden() -> None:\n    """Offset, m."""\n', []),
         (
             SECTIONS.format(parameters="a : int\n        A number."),
