@@ -30,10 +30,7 @@ MISSING = Missing.MISSING
 
 
 class _Shortener(reprlib.Repr):
-    """Shows a value as its file has it, bounded in depth and width.
-
-    A value may be a list of a million numbers, or nested without end through YAML's aliases.
-    """
+    """Shows a value as its file has it, bounded in depth and width."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -56,17 +53,7 @@ _shortener = _Shortener()
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong with an input.
-
-    Parameters
-    ----------
-    path
-        Where: the key's path, as in `obstacles[1].observations.time`; empty for the whole file.
-    value
-        What stands there, or `MISSING`.
-    message
-        What is allowed.
-    """
+    """One thing that is wrong with an input."""
 
     path: str
     value: object
@@ -102,7 +89,7 @@ _MOST_ALIKE = 3
 
 
 class ScpPlannerError(Exception):
-    """What every exception raised on purpose by this package derives from."""
+    """Base of every exception raised on purpose by this package."""
 
 
 class _FaultyInputError(ScpPlannerError, ValueError):
@@ -132,19 +119,19 @@ class SamplesError(_FaultyInputError):
 
 
 class MotionModelError(_FaultyInputError):
-    """A file of a fitted motion model is refused. `faults` holds everything that is wrong with it."""
+    """A file of a fitted motion model is refused."""
 
 
 class TracksError(_FaultyInputError):
-    """Recorded tracks are refused. `faults` holds what is wrong, `source` the file's name."""
+    """Recorded tracks are refused."""
 
 
 class SettingsError(_FaultyInputError):
-    """Settings are refused. `faults` holds every unknown name and every value that is not allowed."""
+    """Settings are refused."""
 
 
 class TooLargeError(ScpPlannerError, ValueError):
-    """What is asked for would take more memory than is allowed, said before any of it is taken; or all of the time."""
+    """The input would take more memory than is allowed, or all of the time; raised before any of it is taken."""
 
 
 class EstimationError(ScpPlannerError, ValueError):

@@ -1,8 +1,4 @@
-"""Reading and writing of YAML and JSON files: every fault with its place, and never half a file.
-
-YAML is read by the rules of YAML 1.2 for numbers and booleans, as JSON's readers expect them: `1e-3` is a
-number, `no` is text, `010` is ten. The suffix of the file's name chooses the format.
-"""
+"""Reading and writing of YAML and JSON files: every fault with its place, and never half a file."""
 
 from __future__ import annotations
 
@@ -48,17 +44,7 @@ _NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
 
 
 def check_extent(folder: str | PathLike[str]) -> None:
-    """Refuse a folder that is too large to look through, with all folders in it.
-
-    Parameters
-    ----------
-    folder : path
-
-    Raises
-    ------
-    ValueError
-        If it holds more than `MOST_ENTRIES`.
-    """
+    """Refuse a folder that is too large to look through, with all folders in it."""
     seen = 0
     for _, folders, names in os.walk(folder):
         seen += len(folders) + len(names)
@@ -67,24 +53,7 @@ def check_extent(folder: str | PathLike[str]) -> None:
 
 
 def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:
-    """Read the mapping that a file holds.
-
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    data
-        The mapping, or None if there is none to look at.
-    faults
-        What is wrong with the file as YAML or JSON.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    """
+    """Read the mapping that a file holds."""
     suffix = Path(path).suffix.lower()
     if suffix not in (*YAML_SUFFIXES, JSON_SUFFIX):
         return None, [_wrong_suffix(path)]
@@ -104,18 +73,7 @@ def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]
 
 
 def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
-    """Write a mapping as YAML or JSON, whichever the suffix says; floats keep every bit.
-
-    Parameters
-    ----------
-    path : path
-    data : dict
-
-    Raises
-    ------
-    ScenarioError
-        If the suffix says neither.
-    """
+    """Write a mapping as YAML or JSON, whichever the suffix says; floats keep every bit."""
     suffix = Path(path).suffix.lower()
     if suffix in YAML_SUFFIXES:
         import yaml
@@ -139,25 +97,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 
 def regular_target(path: str | PathLike[str]) -> Path:
-    """Give the file that is written where a name is written to: a regular one, there or not yet.
-
-    Symbolic links are followed, so that a link stays what it is.
-
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Path
-        Without links.
-
-    Raises
-    ------
-    OSError
-        If there is something else, such as a folder, a device or a pipe; or the file is where what the program prints
-        goes, which would be lost.
-    """
+    """Give the file that is written where a name is written to: a regular one, there or not yet."""
     target = Path(os.path.realpath(path))
     try:
         found = os.stat(path)  # not of the target: a link of the system may stand for what has no name
@@ -190,22 +130,7 @@ def _printed_to() -> Iterator[os.stat_result]:
 
 @contextmanager
 def replacing(path: str | PathLike[str]) -> Iterator[Path]:
-    """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well.
-
-    Parameters
-    ----------
-    path : path
-
-    Yields
-    ------
-    Path
-        Of the temporary file, which is there and empty.
-
-    Raises
-    ------
-    OSError
-        See `regular_target`; or if no file can be made there.
-    """
+    """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well."""
     target = regular_target(path)
     # What a name adds to is cut: the longest names that there are must fit.
     begin, end = target.stem[:_NAME_KEPT], target.suffix[-_NAME_KEPT:]
@@ -223,21 +148,7 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(parent: Path) -> Iterator[Path]:
-    """Make a folder in another one for as long as it is needed.
-
-    Parameters
-    ----------
-    parent : Path
-
-    Yields
-    ------
-    Path
-
-    Raises
-    ------
-    OSError
-        If no folder can be made there.
-    """
+    """Make a folder in another one for as long as it is needed."""
     name = parent / f".{secrets.token_hex(4)}.part"
     try:
         # As above; those of `tempfile` are left behind by an interrupt just after they were made.
@@ -248,17 +159,7 @@ def temporary_folder(parent: Path) -> Iterator[Path]:
 
 
 def try_to_write(folder: Path) -> None:
-    """Make a file in a folder, and remove it.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    OSError
-        If no file can be made there.
-    """
+    """Make a file in a folder, and remove it."""
     name = folder / f".{secrets.token_hex(4)}.part"
     try:
         _make_empty(name)

@@ -15,39 +15,17 @@ T = TypeVar("T")
 
 
 class OutOfTimeError(Exception):
-    """What was begun was not done at its deadline."""
+    """The deadline passed before the work was done."""
 
 
 def look_at_the_clock(deadline: float) -> None:
-    """Give up work that is late.
-
-    Parameters
-    ----------
-    deadline : float
-        Value of :func:`time.perf_counter`.
-
-    Raises
-    ------
-    OutOfTimeError
-        If it is past that.
-    """
+    """Give up work that is late."""
     if perf_counter() > deadline:
         raise OutOfTimeError
 
 
 def with_pauses(things: Iterable[T], go_on: GoOn | None) -> Iterator[T]:
-    """Give things one after the other, and ask now and then whether to go on.
-
-    Parameters
-    ----------
-    things : iterable
-    go_on : callable or None
-
-    Yields
-    ------
-    object
-        Each of the things.
-    """
+    """Give things one after the other, and ask now and then whether to go on."""
     for number, thing in enumerate(things):
         if go_on is not None and number % IN_A_ROW == IN_A_ROW - 1:
             go_on()

@@ -1,7 +1,4 @@
-"""Units of length and time, and where an origin and a clock stand: what quantities are converted by.
-
-Quantities are only multiplied and divided. `scp_planner.scenario.units` chooses the units of a scene.
-"""
+"""Units of length and time, and where an origin and a clock stand: what quantities are converted by."""
 
 from __future__ import annotations
 
@@ -14,28 +11,16 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Units:
-    """Units, and where their origin and clock stand in those of the user.
+    """Units, and where their origin and clock stand in those of the user."""
 
-    Attributes
-    ----------
-    length : float
-        m in a unit of length.
-    time : float
-        s in a unit of time.
-    origin : (x, y)
-        World coordinates of the origin, m.
-    clock : float
-        Absolute time at which the clock begins, s.
-    """
-
-    length: float = 1.0
-    time: float = 1.0
-    origin: Point = (0.0, 0.0)
-    clock: float = 0.0
+    length: float = 1.0  # m in a unit of length
+    time: float = 1.0  # s in a unit of time
+    origin: Point = (0.0, 0.0)  # World coordinates of the origin, m
+    clock: float = 0.0  # Absolute time at which the clock begins, s
 
     @property
     def are_those_of_the_user(self) -> bool:
-        """Whether nothing changes on the way in or out."""
+        """True if nothing changes on the way in or out."""
         return (self.length, self.time, self.origin, self.clock) == (1.0, 1.0, (0.0, 0.0), 0.0)
 
     @property
@@ -54,22 +39,7 @@ class Units:
         return self.acceleration / self.time
 
     def factor(self, unit: str) -> float:
-        """How much of an SI unit is in the natural one; 1 of what has no dimension.
-
-        Parameters
-        ----------
-        unit : str
-            Such as m/s2 or 1/(m s).
-
-        Returns
-        -------
-        float
-
-        Raises
-        ------
-        KeyError
-            If no quantity of a plan has this unit.
-        """
+        """Ratio of the natural unit to an SI unit; 1 without a dimension."""
         length, time = self.length, self.time
         return {
             "": 1.0,

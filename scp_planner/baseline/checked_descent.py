@@ -21,23 +21,7 @@ CheckedDescent: TypeAlias = CheckedRun[DescentRun]
 def checked_descent(
     problem: Problem, threat_zones: tuple[ThreatZone, ...], descent: Descent, timings: dict[str, float] | None = None
 ) -> CheckedDescent:
-    """Descend, and check the result; repeat with tighter margins what hardly fails, and carefully what fails.
-
-    Parameters
-    ----------
-    problem : Problem
-        As the scenario asks for.
-    threat_zones : tuple of ThreatZone
-        The scenario's zones.
-    descent : Descent
-        Not yet run.
-    timings : dict, optional
-        To which wall times are added, s.
-
-    Returns
-    -------
-    CheckedDescent
-    """
+    """Descend, and check the result; repeat with tighter margins what hardly fails, and carefully what fails."""
     best: CheckedDescent | None = None
     checking = 0.0
     for attempt in (descent.run, descent.run_carefully):

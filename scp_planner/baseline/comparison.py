@@ -1,8 +1,4 @@
-"""Sequential convex programming beside penalty descent: the same objective, splines, starts and certificate.
-
-Every method runs from every start by itself, without the planner's search for the best of several, so that what differs
-is the method. Runs are timed one after the other in this process.
-"""
+"""Sequential convex programming beside penalty descent: the same objective, splines, starts and certificate."""
 
 from __future__ import annotations
 
@@ -51,99 +47,46 @@ CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
 
 @dataclass(frozen=True)
 class Curve:
-    """How a run went on: the least merit so far, at one price for all methods.
+    """Course of a run: the least merit so far, at one price for all methods."""
 
-    Attributes
-    ----------
-    evaluations : (n,) array of int
-        Of the trip, until then.
-    seconds : (n,) array
-        Since the run began.
-    merit : (n,) array
-        Travel time + CURVE_PRICE * violations, s.
-    """
-
-    evaluations: NDArray[np.int64]
-    seconds: Array
-    merit: Array
+    evaluations: NDArray[np.int64]  # (n,)
+    seconds: Array  # (n,) Since the run began
+    merit: Array  # (n,) Travel time + CURVE_PRICE * violations, s
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One method from one start.
-
-    Attributes
-    ----------
-    scenario : str
-    start : int
-        Number of the start, from 0.
-    method : Method
-    status : str
-        What the method says of itself.
-    certified : bool
-    travel_time : float
-        s.
-    least_clearance : float
-        To the zones, m; certified if the trip is.
-    worst_violation : float
-        Of the sampled constraints: units of length of the scene, or relative.
-    iterations, evaluations : int
-        An evaluation is one of a trip and its violations: with gradient or linearisation except for Monte Carlo.
-    wall_time : float
-        s, without the certificate.
-    violations : str
-        What the certificate found.
-    curve : Curve
-    """
+    """One method from one start."""
 
     scenario: str
-    start: int
+    start: int  # Number of the start, from 0
     method: Method
     status: str
     certified: bool
-    travel_time: float
-    least_clearance: float
+    travel_time: float  # s
+    least_clearance: float  # To the zones, m; certified if the trip is
     worst_violation: float
-    iterations: int
-    evaluations: int
-    wall_time: float
+    iterations: int  # An evaluation is one of a trip and its violations
+    evaluations: int  # An evaluation is one of a trip and its violations
+    wall_time: float  # s, without the certificate
     violations: str
     curve: Curve
 
 
 @dataclass(frozen=True)
 class Summary:
-    """One method over all trials.
-
-    Attributes
-    ----------
-    method : Method
-    trials : int
-    certified : int
-    excess : float
-        Median over certified trials of the travel time beyond the best certified one of the same scenario by any method
-        from any start, relative.
-    excess_worst : float
-        The largest.
-    faster, slower : int
-        Trials in which this method is certified and by more than CLEARLY_FASTER faster (slower) than SCP from the same
-        start; where only one of both is certified, that one is faster.
-    evaluations : float
-        Median.
-    wall_time, wall_time_high : float
-        Median and 90 % quantile, s.
-    """
+    """One method over all trials."""
 
     method: Method
     trials: int
     certified: int
-    excess: float
-    excess_worst: float
+    excess: float  # relative
+    excess_worst: float  # The largest
     faster: int
     slower: int
-    evaluations: float
-    wall_time: float
-    wall_time_high: float
+    evaluations: float  # Median
+    wall_time: float  # Median and 90 % quantile, s
+    wall_time_high: float  # Median and 90 % quantile, s
 
 
 def compare(
@@ -155,30 +98,7 @@ def compare(
     seed: int = 0,
     progress: Callable[[Trial], None] | None = None,
 ) -> list[Trial]:
-    """Run all methods from the same starts.
-
-    Parameters
-    ----------
-    scenarios : sequence of Scenario
-    starts_each : int
-        Starts of each scenario, at most: the planner's different ways round, the fastest estimate first.
-    methods : sequence of Method or str
-    settings : Settings, optional
-        Of the planner; the same for all.
-    seed : int
-        Of the Monte Carlo search.
-    progress : callable, optional
-        Called with each trial.
-
-    Returns
-    -------
-    list of Trial
-
-    Raises
-    ------
-    SettingsError
-        If there is no such method.
-    """
+    """Run all methods from the same starts."""
     chosen = [word_of(Method, method, "methods") for method in methods]
     trials = []
     for scenario in scenarios:
@@ -208,7 +128,7 @@ def _trials(
 
 @dataclass(frozen=True)
 class _Ended:
-    """What a method came to, from one start."""
+    """Result of a method from one start."""
 
     method: Method
     status: str

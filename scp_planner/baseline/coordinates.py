@@ -15,22 +15,7 @@ MET = 1e-10  # units of speed
 
 
 class Coordinates:
-    """Coordinates y of the trips of a problem, about a start whose offsets are 0.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : Trajectory
-
-    Attributes
-    ----------
-    path_size : int
-        The first so many are scaled offsets, the others are accelerations.
-    lower, upper : (K,) arrays
-        Bounds.
-    origin : (K,) array
-        The start.
-    """
+    """Coordinates y of the trips of a problem, about a start whose offsets are 0."""
 
     def __init__(self, problem: Problem, start: Trajectory) -> None:
         self.problem = problem

@@ -1,20 +1,4 @@
-"""Descent on the penalised objective with penalty continuation, from one start.
-
-Zambom and Seguin (2021) make planning an unconstrained problem, travel time plus a smooth penalty, and descend. Here
-this is done as well as we know how, on the objective of all methods (objective.py), from the starts of all methods:
-
-- Coordinates. The offset's control points are mapped so that the curvature of the arc length becomes the identity;
-  those of the acceleration stay within their limits as simple bounds.
-- Continuation. The hinge starts wide and is narrowed stage by stage; what stays violated gets dearer.
-- Settling. With a hinge of width w the minimiser lies off an active constraint by a small multiple of w, to either
-  side. In the last stages each active constraint is moved by just this distance, so that the trip ends on the true one,
-  and moved further where the certificate still finds something missing.
-- A second attempt. Wide hinges and low prices may lead through an obstacle to where no trip is feasible. Then the
-  descent begins again with narrow hinges and high prices.
-
-Three minimisers: L-BFGS-B with the exact gradient, plain gradient descent with a line search, and a Monte Carlo search
-that needs no gradient. Nothing is linearised and no subproblem is solved.
-"""
+"""Descent on the penalised objective with penalty continuation, from one start."""
 
 from __future__ import annotations
 
@@ -52,20 +36,7 @@ CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
 
 
 class Descent:
-    """Penalty descent on one problem from one start: stages, then settling, then tightening if asked to.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : Trajectory
-    settings : DescentSettings
-    seed : int
-        Of the Monte Carlo search.
-    deadline : float
-        Value of :func:`time.perf_counter` at which the descent ends.
-    keep_iterates : bool
-        Whether the iterates are kept.
-    """
+    """Penalty descent on one problem from one start: stages, then settling, then tightening if asked to."""
 
     def __init__(
         self,
@@ -206,7 +177,7 @@ class Descent:
 
     @property
     def evaluations(self) -> int:
-        """How often the objective was evaluated."""
+        """Number of evaluations of the objective."""
         return self.run_so_far.evaluations
 
     def evaluate(self, y: Array, *, gradient: bool = True) -> tuple[float, Array]:

@@ -1,4 +1,4 @@
-"""What a descent came to."""
+"""Result of a descent."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ REPAIRABLE = 0.01  # units of length or relative; larger violations are not tigh
 
 
 class DescentStatus(StrEnum):
-    """How a descent ended."""
-
     CONVERGED = "converged"
     UNSETTLED = "still moving at the last stage"
     INFEASIBLE = "violations stay at the highest price"
@@ -23,44 +21,22 @@ class DescentStatus(StrEnum):
 
 @dataclass(frozen=True)
 class Iterate:
-    """An iterate of a descent.
-
-    Attributes
-    ----------
-    evaluations : int
-        Of the objective until then.
-    seconds : float
-        Since the descent began.
-    trajectory : Trajectory
-    """
+    """An iterate of a descent."""
 
     evaluations: int
-    seconds: float
+    seconds: float  # Since the descent began
     trajectory: Trajectory
 
 
 @dataclass
 class DescentRun:
-    """A descent and where it ended.
-
-    Attributes
-    ----------
-    status : DescentStatus
-    evaluation : Evaluation
-        The last trip, with the exact hinge.
-    evaluations : int
-        Of the objective, with gradient or (Monte Carlo) without.
-    iterations : int
-        Accepted steps of the minimisers.
-    iterates : list of Iterate
-        The iterates, if they were asked for.
-    """
+    """A descent and where it ended."""
 
     status: DescentStatus
-    evaluation: Evaluation
+    evaluation: Evaluation  # The last trip, with the exact hinge
     evaluations: int = 0
-    iterations: int = 0
-    iterates: list[Iterate] = field(default_factory=list)
+    iterations: int = 0  # Accepted steps of the minimisers
+    iterates: list[Iterate] = field(default_factory=list)  # The iterates, if they were asked for
 
     @property
     def trajectory(self) -> Trajectory:
@@ -69,10 +45,10 @@ class DescentRun:
 
     @property
     def feasible(self) -> bool:
-        """Whether the trip keeps all sampled constraints."""
+        """True if the trip keeps all sampled constraints."""
         return self.evaluation.worst_violation <= FEASIBILITY
 
     @property
     def repairable(self) -> bool:
-        """Whether settling once more may make a trip of it that the certificate holds for."""
+        """True if settling once more may make a trip of it that the certificate holds for."""
         return self.evaluation.worst_violation <= REPAIRABLE and self.status is not DescentStatus.TIME_LIMIT

@@ -15,24 +15,15 @@ ARMIJO = 1e-4
 
 
 class Minimisation(Protocol):
-    """What is minimised, where, and how.
-
-    Attributes
-    ----------
-    settings : DescentSettings
-    lower, upper : (K,) arrays
-    random : numpy.random.Generator
-    """
+    """A minimisation: function, start and minimiser."""
 
     settings: DescentSettings
-    lower: Array
-    upper: Array
+    lower: Array  # (K,)
+    upper: Array  # (K,)
     random: np.random.Generator
 
     @property
-    def evaluations(self) -> int:
-        """How often it was evaluated."""
-        ...
+    def evaluations(self) -> int: ...
 
     def evaluate(self, y: Array, *, gradient: bool = True) -> tuple[float, Array]:
         """Return value and gradient; the best y is kept."""

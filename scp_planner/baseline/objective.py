@@ -1,24 +1,4 @@
-"""The penalised objective that all methods minimise, with a hinge that may be smooth, and its exact gradient.
-
-Over omega = (theta, beta), the free control points of the offset and those of the acceleration,
-
-    Q(omega) = tau(omega) + sum_l mu_l S_w(-c_l(omega)) + sum_k mu_k S_w(e_k(omega)),
-
-with tau the travel time in closed form, c_l(t) the signed distance to zone l and e_k the excess over limit k wherever
-it is looked at. S_w makes one violation of the excesses g_i of one kind, with shares p_i that add up to 1:
-
-    S_w(g) = w log(1 + sum_i p_i exp(g_i / w)),        S_0(g) = max(0, max_i g_i).
-
-For zones the p_i are the weights of the trapezoidal rule over normalised time, so that S_w is w log(1 + integral of
-exp(-c / w)). S_w is convex and increasing in each g_i, smooth for w > 0, and tends to S_0 as w does to 0. S_0 is the
-violation in the merit of sequential convex programming (evaluation.py): one objective, and the width of the hinge is
-all that differs.
-
-Q is finite on D0(v0), the trips that arrive: v0^2 + 4 A(beta) L(theta) >= 0, and infinite elsewhere. The gradient is
-exact: d tau from v0 tau + A tau^2 = L, and at a normalised time the vehicle moves along the guide by
-ds = (dD - dS) / |r'|. It exists off the kinks: for w = 0 those of the maxima and the hinge; for every w the centres
-of zones, and trips that pass a fixed station just when the acceleration jumps.
-"""
+"""The penalised objective that all methods minimise, with a hinge that may be smooth, and its exact gradient."""
 
 from __future__ import annotations
 
@@ -35,44 +15,17 @@ from scp_planner.trips.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class ObjectiveValue:
-    """The objective at one trip.
+    """The objective at one trip."""
 
-    Attributes
-    ----------
-    value : float
-        Q, s.
-    travel_time : float
-        tau, s; inf outside D0(v0).
-    violations : (G,) array
-        Of zones in m, then of the other constraints: relative, but m for box and offsets, and m/s for the goal speed.
-    use : (G,) array
-        Derivatives of the violations with respect to a common margin, in [0, 1]: times the price, the multiplier.
-    gradient : (K,) array
-        dQ / d omega; empty if it was not asked for.
-    """
-
-    value: float
-    travel_time: float
-    violations: Array
-    use: Array
-    gradient: Array
+    value: float  # Q, s
+    travel_time: float  # tau, s; inf outside D0(v0)
+    violations: Array  # (G,)
+    use: Array  # (G,) Derivatives of the violations with respect to a common margin, in [0, 1]
+    gradient: Array  # (K,) dQ / d omega; empty if it was not asked for
 
 
 class PenalisedObjective:
-    """Q at a fixed problem.
-
-    Parameters
-    ----------
-    problem : Problem
-    prices : (G,) array
-        mu, s per unit of each violation, see `priced_constraints`.
-    widths : (G,) array
-        w, of the smooth hinge, in the units of the violations, equal within a constraint; 0 is the exact hinge.
-    sigma : (n,) array, optional
-        Normalised times at which zones are looked at: the problem's samples, and more.
-    margins : (G,) array, optional
-        What is added to every excess: distances to be kept, or given away where negative.
-    """
+    """Q at a fixed problem."""
 
     def __init__(
         self,
@@ -131,11 +84,7 @@ class PenalisedObjective:
         return ObjectiveValue(value, trip.travel_time, violations, use, total)
 
     def _total(self, trip: Trajectory, step: Array) -> Array:
-        """Return dQ / d omega from the gradient of the penalties with respect to a step.
-
-        A step by rho at fixed beta is d beta = 2 beta rho. Then tau is eliminated: from v0 tau + A tau^2 = L follows
-        (v0 + 2 A tau) dtau = dL - tau^2 dA.
-        """
+        """Return dQ / d omega from the gradient of the penalties with respect to a step."""
         space, tau = self.problem.space, trip.travel_time
         theta, beta, rho = step[: self.path_size], step[self.path_size : -1], float(step[-1])
         by_tau = 1.0 + (rho + 2.0 * float(beta @ trip.beta)) / tau

@@ -1,8 +1,4 @@
-"""The published method's baseline: penalty descent from the planner's starts, to the same plan and certificate.
-
-What one descent does is in `scp_planner.baseline.descent`; the objective is that of all methods (objective.py). Nothing
-is linearised and no subproblem is solved.
-"""
+"""The published method's baseline: penalty descent from the planner's starts, to the same plan and certificate."""
 
 from __future__ import annotations
 

@@ -1,5 +1,3 @@
-"""What the penalised objective prices: the violations of one trip, each with a smooth hinge."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -75,21 +73,7 @@ def trapezoidal_shares(sigma: Array) -> Array:
 
 
 def soft_excess(excess: Array, shares: Array, width: float) -> tuple[Array, Array]:
-    """Make one violation of many excesses: S_w, and its derivative with respect to each of them.
-
-    Parameters
-    ----------
-    excess : (..., n) array
-        g; -inf for what does not count.
-    shares : (n,) array
-        p, adding up to 1.
-    width : float
-        w, in the unit of the excess; 0: the exact hinge.
-
-    Returns
-    -------
-    (violation, derivative) : (...), (..., n) arrays
-    """
+    """Make one violation of many excesses: S_w, and its derivative with respect to each of them."""
     top = np.maximum(excess.max(axis=-1, initial=0.0), 0.0)
     if width == 0.0:
         derivative = np.zeros_like(excess)

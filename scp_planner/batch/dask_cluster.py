@@ -26,28 +26,7 @@ POLL_TIME, LOOK_TIME = 0.01, 1.0
 
 
 class DaskExecutor:
-    """Workers of a Dask cluster.
-
-    Their machines need this package, in the same version; they need no access to the files. The scheduler gives an
-    item of a worker that dies to another one, up to its setting ``allowed-failures``. It blames all that the worker
-    had been given, not only what it was at; so what is given up like that is tried once more, alone, in the end.
-
-    The connection is made at once and lasts until `close`.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
-    connect_time : float
-        Wall time to wait for it, s.
-    patience : float
-        Wall time to wait for workers when there are none, s.
-
-    Raises
-    ------
-    ExecutorError
-        If ``dask.distributed`` is not installed, or no scheduler answers.
-    """
+    """Workers of a Dask cluster."""
 
     def __init__(self, address: str, connect_time: float = CONNECT_TIME, patience: float = PATIENCE) -> None:
         try:

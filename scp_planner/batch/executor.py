@@ -1,4 +1,4 @@
-"""Who does the work: the interface of executors, and what they answer."""
+"""Interface of executors, and their answers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ATTEMPTS = 3
-"""How often an item is tried whose worker dies."""
+"""Tries of an item whose worker dies."""
 
 
 class ExecutorError(ScpPlannerError):
@@ -21,8 +21,6 @@ class ExecutorError(ScpPlannerError):
 
 
 class Fate(StrEnum):
-    """What became of an item."""
-
     DONE = "done"
     """There is a result."""
     ERROR = "error"
@@ -33,46 +31,17 @@ class Fate(StrEnum):
 
 @dataclass(frozen=True)
 class Answer(Generic[T, R]):
-    """What came of one item.
-
-    Attributes
-    ----------
-    item : T
-    fate : Fate
-    result : R or None
-        Only if it is done.
-    reason : str
-        Why there is no result.
-    """
+    """Result of one item."""
 
     item: T
     fate: Fate
-    result: R | None = None
-    reason: str = ""
+    result: R | None = None  # Only if it is done
+    reason: str = ""  # Why there is no result
 
 
 class Executor(Protocol):
     """Calls a function for many items, somewhere."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T]) -> Generator[Answer[T, R], None, None]:
-        """Call a function for every item.
-
-        Parameters
-        ----------
-        function : callable
-            Of a module that workers can import, since it is sent by name.
-        items : iterable
-            Taken as they are needed; each must be picklable.
-
-        Yields
-        ------
-        Answer
-            One for each item, in the order in which they come. Closing the iterator, as an interrupt does, ends the
-            work and leaves no worker behind.
-
-        Raises
-        ------
-        ExecutorError
-            If no work can be done.
-        """
+        """Call a function for every item."""
         ...

@@ -23,30 +23,17 @@ BAD_INPUT = "bad_input"
 
 
 class PlanningMethod(StrEnum):
-    """How a plan is made."""
-
     SCP = "scp"
     PENALTY_DESCENT = "penalty-descent"
 
 
 @dataclass(frozen=True)
 class Options:
-    """How all scenarios of a batch are planned.
+    """Options of all plans of a batch."""
 
-    Attributes
-    ----------
-    method : PlanningMethod or str
-        ``scp`` or ``penalty-descent``; `SettingsError` if it is neither.
-    settings : Settings
-    time_limit : float or None
-        Wall time for one scenario, s.
-    samples : int
-        Of plan files.
-    """
-
-    method: PlanningMethod = PlanningMethod.SCP
+    method: PlanningMethod = PlanningMethod.SCP  # ``scp`` or ``penalty-descent``; `SettingsError` if it is neither
     settings: Settings = field(default_factory=Settings)
-    time_limit: float | None = None
+    time_limit: float | None = None  # Wall time for one scenario, s
     samples: int = 200
 
     def __post_init__(self) -> None:
@@ -66,19 +53,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Job:
-    """A scenario to plan.
-
-    Attributes
-    ----------
-    file : str
-        Which the row is named by.
-    scenario : Scenario
-    digest : str
-        Of the scenario.
-    options : Options
-    wants_plan : bool
-        Whether the plan itself is asked for.
-    """
+    """A scenario to plan."""
 
     file: str
     scenario: Scenario
@@ -89,40 +64,16 @@ class Job:
 
 @dataclass(frozen=True)
 class TableRow:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    file : str
-        Path of the scenario within the folder; its cell is that of `cell_of`.
-    name : str
-        Of the scenario.
-    status : str
-        Of the plan; or ``bad_input``; or ``error`` or ``lost`` where the work came to nothing.
-    reason : str
-        Why there is no certificate.
-    travel_time, arrival_time, lower_bound : float or None
-        s.
-    least_clearance : float or None
-        m.
-    nearest_obstacle : str
-    iterations : int or None
-    options : str
-        What the plan was made with.
-    digest : str
-        Of the scenario.
-    wall_time : float or None
-        That the worker took, s; no two runs have the same.
-    """
-
-    file: str
+    file: str  # Path of the scenario within the folder; its cell is that of `cell_of`
     name: str = ""
     status: str = ""
-    reason: str = ""
-    travel_time: float | None = None
-    arrival_time: float | None = None
-    lower_bound: float | None = None
-    least_clearance: float | None = None
+    reason: str = ""  # Why there is no certificate
+    travel_time: float | None = None  # s
+    arrival_time: float | None = None  # s
+    lower_bound: float | None = None  # s
+    least_clearance: float | None = None  # m
     nearest_obstacle: str = ""
     iterations: int | None = None
     options: str = ""
@@ -137,18 +88,7 @@ class TableRow:
 
 
 def cell_of(file: str) -> str:
-    """Give the cell that names a file: each name has its own, on one line, whatever the file system allows.
-
-    Parameters
-    ----------
-    file : str
-        As Python gives it: bytes that are no UTF-8 are lone surrogates.
-
-    Returns
-    -------
-    str
-        The name; what cannot be printed is escaped as in Python, and so is the escape's own sign.
-    """
+    """Give the cell that names a file: each name has its own, on one line, whatever the file system allows."""
     return "".join(
         letter if letter.isprintable() and letter != "\\" else letter.encode("unicode_escape").decode("ascii")
         for letter in file
@@ -157,17 +97,10 @@ def cell_of(file: str) -> str:
 
 @dataclass(frozen=True)
 class JobResult:
-    """What a worker sends back.
-
-    Attributes
-    ----------
-    row : TableRow
-    plan : str or None
-        Contents of the plan file.
-    """
+    """Result that a worker sends back."""
 
     row: TableRow
-    plan: str | None = None
+    plan: str | None = None  # Contents of the plan file
 
 
 def carry_out(job: Job) -> JobResult:

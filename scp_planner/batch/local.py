@@ -1,9 +1,4 @@
-"""Processes of this machine.
-
-Each worker is a process of its own with a pipe, and has one item at a time. So when a worker dies it is known which
-item it was at, that item alone is tried again, and an interrupt can end all workers at once. A pool of
-`concurrent.futures` would break as a whole.
-"""
+"""Processes of this machine."""
 
 from __future__ import annotations
 
@@ -31,18 +26,7 @@ _READY = "ready"
 
 
 class LocalExecutor:
-    """Worker processes on this machine.
-
-    Programs that use it must keep their own work under ``if __name__ == "__main__":``, as with all of
-    `multiprocessing`: workers import the program.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes; default: one for each core.
-    attempts : int
-        How often an item is tried whose worker dies.
-    """
+    """Worker processes on this machine."""
 
     def __init__(self, workers: int | None = None, attempts: int = ATTEMPTS) -> None:
         self.workers = workers or os.cpu_count() or 1
@@ -82,7 +66,7 @@ class LocalExecutor:
             worker.give(function, task)
 
     def _answer_of(self, worker: _Worker, workers: list[_Worker], again: deque[tuple[T, int]]) -> Answer[T, R] | None:
-        """What a worker says; None if it only says that it lives, or has died at what is tried again."""
+        """Answer of a worker; None if it is only alive, or has died at an item that is tried again."""
         item, attempt = worker.task
         try:
             return worker.answer()
@@ -160,10 +144,7 @@ class _Worker:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Start a process as a whole, and deaf to interrupts of the terminal, which go to all of its processes.
-
-    One that comes meanwhile is raised in the end. A mask alone would not do: another thread may take the signal.
-    """
+    """Start a process as a whole, and deaf to interrupts of the terminal, which go to all of its processes."""
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return

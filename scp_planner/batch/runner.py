@@ -36,51 +36,22 @@ NOTHING_CAME = (Fate.ERROR.value, Fate.LOST.value)
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What a batch came to.
-
-    Attributes
-    ----------
-    rows : tuple of dict
-        The cells of each scenario's row, in order of their files.
-    done_before : int
-        Rows that were there already.
-    """
-
-    rows: tuple[dict[str, str], ...]
-    done_before: int
+    rows: tuple[dict[str, str], ...]  # The cells of each scenario's row, in order of their files
+    done_before: int  # Rows that were there already
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many scenarios have each status, the most frequent first."""
+        """Number of scenarios with each status, the most frequent first."""
         return dict(Counter(row["status"] for row in self.rows).most_common())
 
     @property
     def all_certified(self) -> bool:
-        """Whether every scenario has a certified plan."""
+        """True if every scenario has a certified plan."""
         return all(row["status"] == PlanStatus.CERTIFIED for row in self.rows)
 
 
 def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence[Path] = ()) -> dict[str, Path]:
-    """Find the scenarios of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-    pattern : str, optional
-        Which files, such as ``**/crossing*.yaml``; default: all YAML and JSON files in the folder itself.
-    leave_out : sequence of Path
-        Files and folders that are no scenarios.
-
-    Returns
-    -------
-    dict
-        From the path within the folder, with slashes, to the file; in order.
-
-    Raises
-    ------
-    ValueError
-        If the pattern is none of paths within the folder, or asks for a folder in which there is too much.
-    """
+    """Find the scenarios of a folder."""
     if pattern and not _is_within(pattern):
         raise ValueError(f"pattern {pattern!r}: must be of paths within the folder, '**' a whole part of it")
     if pattern and "**" in pattern:
@@ -118,41 +89,7 @@ def run_batch(
     retry: bool = False,
     progress: Callable[[int, str], None] | None = None,
 ) -> BatchResult:
-    """Plan many scenarios; the rows that are in the table already are not done again.
-
-    A scenario is done again if it has changed since, if its plan is asked for and not there, or, with ``retry``, if
-    its work had come to nothing. An exception, such as an interrupt, leaves the rows that are done.
-
-    Parameters
-    ----------
-    files : mapping
-        From what the row is to be named by to the scenario's file.
-    table : Path
-        CSV file that rows are added to; it is made if it is not there.
-    executor : Executor
-    options : Options, optional
-    plans : Path, optional
-        Folder to write plans into.
-    timings : bool
-        Whether rows have the wall time, which differs from run to run.
-    retry : bool
-        Whether scenarios whose work came to nothing, without a fault of theirs, are done again.
-    progress : callable, optional
-        Called for each row with how many are done so far and its status.
-
-    Returns
-    -------
-    BatchResult
-
-    Raises
-    ------
-    TableError
-        If the table holds something else, was made with other options, or another batch is writing to it.
-    ExecutorError
-        If no work can be done.
-    OSError
-        If there is something else than a file where the table or a plan is to be written.
-    """
+    """Plan many scenarios; the rows that are in the table already are not done again."""
     options = options or Options()
     if plans is not None:
         for file in files:
@@ -232,7 +169,7 @@ class _Batch:
             self.progress(self.done, status)
 
     def _is_done(self, file: str, digest: str) -> bool:
-        """Whether a scenario's row is there; if so it counts."""
+        """True if a scenario's row is there; if so it counts."""
         row = self.table.rows.get(cell_of(file))
         if row is None or row["digest"] != digest or (self.retry and row["status"] in NOTHING_CAME):
             return False

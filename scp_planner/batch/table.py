@@ -1,9 +1,4 @@
-"""The table of results, a CSV file that no interrupt can break.
-
-Rows are added at its end, each in one write that is on disk before the next item is counted as done. A last line that
-was cut short, by a full disk or a power cut, is taken away when the file is opened again. In the end the rows are
-sorted, so that the same scenarios give the same file, whoever did the work and in whatever order.
-"""
+"""The table of results, a CSV file that no interrupt can break."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from scp_planner.files import regular_target, replacing
 
 KEY = "file"
 LOCKS = importlib.util.find_spec("fcntl") is not None
-"""Whether files can be held, and renamed while they are open: not so on Windows."""
+"""True if files can be held, and renamed while they are open: not so on Windows."""
 _APPENDING = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
@@ -29,16 +24,7 @@ class TableError(ScpPlannerError):
 
 
 class Table:
-    """Rows by the file that they are about.
-
-    Parameters
-    ----------
-    path : Path
-    columns : sequence of str
-        The first one is the key.
-    rows : mapping
-        Those that are there.
-    """
+    """Rows by the file that they are about."""
 
     def __init__(self, path: Path, columns: Sequence[str], rows: Mapping[str, dict[str, str]]) -> None:
         self.path = path
@@ -47,18 +33,7 @@ class Table:
         self._file = self._written()
 
     def add(self, row: Mapping[str, str]) -> None:
-        """Add a row at the end of the file.
-
-        Parameters
-        ----------
-        row : mapping of str to str
-            By column.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written; what is there of it then is taken away when the file is opened again.
-        """
+        """Add a row at the end of the file."""
         kept = {column: row[column] for column in self.columns}
         if kept[KEY] in self.rows:
             self.rows[kept[KEY]] = kept
@@ -92,25 +67,7 @@ class Table:
 
 @contextmanager
 def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
-    """Open a table, and leave it sorted, whatever happens; a new one without rows is taken away.
-
-    Parameters
-    ----------
-    path : Path
-    columns : sequence of str
-        The first one is the key.
-
-    Yields
-    ------
-    Table
-
-    Raises
-    ------
-    TableError
-        If the file holds something else, or another batch is writing to it.
-    OSError
-        If there is something else than a file, see `scp_planner.files.regular_target`.
-    """
+    """Open a table, and leave it sorted, whatever happens; a new one without rows is taken away."""
     path = regular_target(path)
     is_new = not path.exists()
     with _held(path):
@@ -124,23 +81,7 @@ def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
 
 
 def read(path: Path, columns: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Read the rows of a table by their keys, without a last one that was cut short.
-
-    Parameters
-    ----------
-    path : Path
-    columns : sequence of str
-
-    Returns
-    -------
-    dict of str to dict
-        The cells of each row.
-
-    Raises
-    ------
-    TableError
-        If the file holds something else.
-    """
+    """Read the rows of a table by their keys, without a last one that was cut short."""
     if not path.exists() or path.stat().st_size == 0:
         return {}
     data = path.read_bytes()
@@ -191,7 +132,7 @@ def _held(path: Path) -> Iterator[None]:
 
 
 def _hold(file: int) -> bool:
-    """Hold a file until it is closed; return whether nobody else does. Without effect where that cannot be."""
+    """Hold a file until it is closed; return whether nobody else does."""
     if not LOCKS:
         return True
     import fcntl

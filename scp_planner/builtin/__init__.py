@@ -23,22 +23,7 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> Scenario:
-    """Load a built-in scenario.
-
-    Parameters
-    ----------
-    name
-        One of `names()`.
-
-    Returns
-    -------
-    Scenario
-
-    Raises
-    ------
-    ScenarioError
-        If there is no scenario of that name.
-    """
+    """Load a built-in scenario."""
     from scp_planner.errors import nearest
     from scp_planner.scenario.models import Scenario
 

@@ -1,4 +1,4 @@
-"""Whether a trip is safe, at all times and not only at samples; and how fast any trip can be at most.
+"""Continuous-time check of a trip, and lower bounds of the travel time.
 
 May import trips, zones and scenarios; never what searches for trips: no solver, no loop, no problem. Begin with
 `check`, which says what is checked in which order: `trip_ends`, `limits`, `clearance`, each of a `checked_trip`.

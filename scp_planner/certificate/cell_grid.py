@@ -1,7 +1,4 @@
-"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them.
-
-A set holds the cells of a window alone. Windows of one grid have as many columns, but may have other rows.
-"""
+"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them."""
 
 from __future__ import annotations
 
@@ -32,19 +29,7 @@ class Window:
 
 
 class CellGrid:
-    """Cells of the planning frame, as bits of one integer: row after row, with room between the rows.
-
-    Parameters
-    ----------
-    low, high : (2,) arrays
-        Corners of what is covered, m; the origin is inside.
-    cell : (2,) array
-        Length and width of a cell, m.
-    room : int
-        Columns between rows: no step moves by more than half of them.
-    window : int, optional
-        Columns of a set, at most; as many as there are without it.
-    """
+    """Cells of the planning frame, as bits of one integer: row after row, with room between the rows."""
 
     def __init__(self, low: Array, high: Array, cell: Array, room: int, window: int | None = None) -> None:
         self.cell = cell
@@ -120,18 +105,7 @@ class CellGrid:
         return mask
 
     def covered(self, polygons: Array) -> tuple[Index, Index, Index, Index]:
-        """Cells that lie wholly in convex polygons, one for each instant.
-
-        Parameters
-        ----------
-        polygons : (K, C, 2) array
-            Corners in order, m.
-
-        Returns
-        -------
-        tuple of arrays of int
-            Places in ``polygons``, rows, first columns, and columns after the last.
-        """
+        """Cells that lie wholly in convex polygons, one for each instant."""
         bottom = polygons[:, :, 1].min(axis=1)
         first_line = np.clip(np.ceil((bottom - self.origin[1]) / self.cell[1]), 0, self.rows).astype(np.intp)
         tallest = float((polygons[:, :, 1].max(axis=1) - bottom).max())

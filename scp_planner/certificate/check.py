@@ -1,23 +1,4 @@
-"""The certificate: whether a plan keeps every limit and every clearance at *all* times, not only at samples.
-
-It is independent of the search for the plan: it uses the trip and the zones, and nothing of the optimisation. What it
-shares with the planner is how a path and a drive are evaluated, the zones, and the ellipses and outlines in them.
-
-Time is divided where a spline has a knot, so that on each interval [m - h, m + h] the offset f and the
-acceleration are one polynomial each. Then, with interval enclosures of their derivatives on the interval:
-
-- Clearance. For *any* fixed unit vector nu, l(t) = nu . (r(t) - eta(t)) - h_E(nu, t) - R is a lower bound of the
-  signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds
-  |r''| + |eta''| + growth'' on the interval. For a zone that turns, nu turns with it, and K contains that.
-- Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
-- Speed and acceleration by the Bernstein coefficients of their pieces (convex hull), halved where that decides nothing.
-
-For clearance, nu is the direction from the centre at first, for all intervals and zones at once, and the exact normal
-where that does not decide. Intervals whose bound does not decide are halved or quartered, until all hold, a violation
-is found at a midpoint, or the intervals get too short.
-
-Of a trip that is driven on, limits that it was once found to keep are known (`Motions`); only the zones are new.
-"""
+"""The certificate: whether a plan keeps every limit and every clearance at *all* times, not only at samples."""
 
 from __future__ import annotations
 
@@ -57,7 +38,7 @@ from scp_planner.trips.trip import Trip
 
 
 class HasTrip(Protocol):
-    """What can be certified: a plan, and whatever else has a trip."""
+    """Anything with a trip, such as a plan."""
 
     @property
     def trip(self) -> Trip:
@@ -122,24 +103,7 @@ def certify_trip(
     batch: ZoneBatch | None = None,
     motions: Motions | None = None,
 ) -> Certificate:
-    """Check a trip against a scenario, both in its natural units, in continuous time. See :func:`certify`.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    trip : Trip
-    threat_zones : sequence of ThreatZone
-    scope : Scope
-    batch : ZoneBatch, optional
-        The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
-    motions : Motions, optional
-        What was found of trips that were checked before; what is found now is added.
-
-    Returns
-    -------
-    Certificate
-        One that does not hold and says nothing else, if there was no time for the check.
-    """
+    """Check a trip against a scenario, both in its natural units, in continuous time."""
     unfit = _never_arrives(trip) or _is_anywhere(trip)
     if unfit is not None:
         return Certificate(False, Clearance(-np.inf), {}, (unfit,))
@@ -205,7 +169,7 @@ def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: 
 
 
 def _never_arrives(trip: Trip) -> Violation | None:
-    """What is wrong with a trip that takes no time, or for ever, or is no numbers: no bound says anything of it."""
+    """Violation by a trip that takes no time, or for ever, or is not a number: no bound holds for it."""
     trajectory = trip.trajectory
     time = trajectory.travel_time
     if not (np.all(np.isfinite(trajectory.theta)) and np.all(np.isfinite(trajectory.beta))):
@@ -216,7 +180,7 @@ def _never_arrives(trip: Trip) -> Violation | None:
 
 
 def _is_anywhere(trip: Trip) -> Violation | None:
-    """What is wrong with a trip whose positions are not known well enough: one with a cusp, or with absurd bends."""
+    """Violation by a trip whose positions are not known well enough: one with a cusp, or absurd curvature."""
     path = trip.trajectory.path
     error = path.space.guide.error + path.exact.error
     if error <= POSITION_TOLERANCE:
@@ -225,6 +189,6 @@ def _is_anywhere(trip: Trip) -> Violation | None:
 
 
 def _goes_beyond(checked: CheckedTrip, zones: Sequence[ThreatZone]) -> Violation | None:
-    """What is wrong with a trip that takes longer than zones of observed obstacles are made for."""
+    """Violation by a trip that takes longer than zones of observed obstacles are made for."""
     end, known = checked.absolute(checked.last), known_until(zones)
     return Violation(BEYOND_ZONES, end, known, known) if end > known else None

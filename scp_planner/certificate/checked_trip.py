@@ -1,4 +1,4 @@
-"""What is checked of a trip, against which zones, and what encloses it on pieces of time."""
+"""A trip under check: its scope, its zones, and enclosures on pieces of time."""
 
 from __future__ import annotations
 
@@ -28,47 +28,22 @@ _NO_KNOTS = np.zeros(0)
 
 @dataclass(frozen=True)
 class Finding:
-    """How far a trip uses a limit, and what it breaks of it.
-
-    Attributes
-    ----------
-    use : LimitUse
-    violations : tuple of Violation
-        None, if the limit is kept.
-    """
+    """Use of a limit by a trip, and its violations."""
 
     use: LimitUse
-    violations: tuple[Violation, ...] = ()
+    violations: tuple[Violation, ...] = ()  # None, if the limit is kept
 
 
 @dataclass(frozen=True)
 class Scope:
-    """How much of a trip is checked, and how closely.
-
-    Attributes
-    ----------
-    since : float or None
-        Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
-        what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
-    until : float or None
-        Absolute time, s, up to which they are checked: a vehicle that stands can be hit by what moves.
-    ends : Ends
-        ``Ends.START`` for a trip that stops on its way.
-    precision : float
-        The reported least clearance is a lower bound at most this far below the true one, m; with inf it is any lower
-        bound that is not negative, and found sooner.
-    tube : TrackingTube or None
-        In which the vehicle stays round the trip; see `certify`.
-    deadline : float
-        Value of :func:`time.perf_counter` at which the check is given up.
-    """
+    """Part of a trip that is checked, and the precision of the check."""
 
     since: float | None = None
-    until: float | None = None
-    ends: Ends = Ends.BOTH
+    until: float | None = None  # Absolute time, s, up to which they are checked
+    ends: Ends = Ends.BOTH  # ``Ends.START`` for a trip that stops on its way
     precision: float = REPORT_PRECISION
-    tube: TrackingTube | None = None
-    deadline: float = np.inf
+    tube: TrackingTube | None = None  # In which the vehicle stays round the trip; see `certify`
+    deadline: float = np.inf  # Value of :func:`time.perf_counter` at which the check is given up
 
 
 WHOLE = Scope()
@@ -76,33 +51,16 @@ WHOLE = Scope()
 
 @dataclass(frozen=True)
 class CheckedTrip:
-    """A trip, or a part of it, and what it is checked against.
+    """A trip, or a part of it, and what it is checked against."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        In its natural units, as all the rest.
-    trip : Trip
-    batch : ZoneBatch
-        The zones in the trip's frame, inflated by the vehicle's radius.
-    first, last : float
-        From when to when it is checked, in normalised time.
-    start_speed : float
-        Driving faster than allowed at the start is the scenario's business, not the plan's: up to this, m/s.
-    tube : TrackingTube or None
-        Round the trip, in which the vehicle stays.
-    deadline : float
-        Value of :func:`time.perf_counter` at which the check is given up.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # In its natural units, as all the rest
     trip: Trip
-    batch: ZoneBatch
-    first: float
-    last: float
-    start_speed: float
-    tube: TrackingTube | None = None
-    deadline: float = np.inf
+    batch: ZoneBatch  # The zones in the trip's frame, inflated by the vehicle's radius
+    first: float  # From when to when it is checked, in normalised time
+    last: float  # From when to when it is checked, in normalised time
+    start_speed: float  # Driving faster than allowed at the start is the scenario's business, not the plan's
+    tube: TrackingTube | None = None  # Round the trip, in which the vehicle stays
+    deadline: float = np.inf  # Value of :func:`time.perf_counter` at which the check is given up
 
     @classmethod
     def of(cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, scope: Scope = WHOLE) -> CheckedTrip:
@@ -134,17 +92,7 @@ class CheckedTrip:
         return Violation(what, value, allowed, self.absolute(sigma))
 
     def first_pieces(self, precision: float = np.inf) -> Pieces:
-        """Return the pieces that a check begins with: between all knots of trip and zones, and short ones.
-
-        Parameters
-        ----------
-        precision : float
-            To which the clearance is wanted, m.
-
-        Returns
-        -------
-        Pieces
-        """
+        """Return the pieces that a check begins with: between all knots of trip and zones, and short ones."""
         trajectory = self.trajectory
         space = trajectory.space
         # Where the rate of the curvature counts, over a curved guide also where that of the guide's jumps.

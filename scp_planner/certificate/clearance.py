@@ -1,4 +1,4 @@
-"""How far the discs of a vehicle keep from zones, and whether they stay in the workspace, at all times of a trip."""
+"""Clearance of the vehicle's discs from zones and from the sides of the workspace, at all times."""
 
 from __future__ import annotations
 
@@ -25,22 +25,12 @@ _SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # normals
 
 @dataclass(frozen=True)
 class VehicleDisc:
-    """A disc of the vehicle on pieces of time.
+    """A disc of the vehicle on pieces of time."""
 
-    Attributes
-    ----------
-    offset : float
-        How far it is ahead of the reference point, m.
-    center : MovingPoint
-        On the pieces.
-    off, most_off : (n,) arrays
-        How far the vehicle may be from there, in the middle of each piece and at most on it, m.
-    """
-
-    offset: float
-    center: MovingPoint
-    off: Array
-    most_off: Array
+    offset: float  # m
+    center: MovingPoint  # On the pieces
+    off: Array  # (n,) m
+    most_off: Array  # (n,) m
 
     @classmethod
     def on(cls, enclosure: Enclosure, offset: float, tube: TrackingTube | None = None) -> VehicleDisc:
@@ -66,37 +56,14 @@ class VehicleDisc:
 
 @dataclass(frozen=True)
 class Kept:
-    """The least clearance of a vehicle, and what it touches.
-
-    Attributes
-    ----------
-    clearance : Clearance
-    violations : tuple of Violation
-        Of each disc that touches something.
-    """
+    """The least clearance of a vehicle, and what it touches."""
 
     clearance: Clearance
     violations: tuple[Violation, ...] = ()
 
 
 def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], precision: float) -> Kept:
-    """Bound the clearance of a vehicle from all zones.
-
-    Parameters
-    ----------
-    checked : CheckedTrip
-    pieces : Pieces
-        That cover what is checked.
-    discs : tuple of VehicleDisc
-        On them.
-    precision : float
-        The clearance is a lower bound at most this far below the true one, m; with inf it is any lower bound that is
-        not negative, and found sooner.
-
-    Returns
-    -------
-    Kept
-    """
+    """Bound the clearance of a vehicle from all zones."""
     near = _near_batch(checked, max(float(disc.most_off.max(initial=0.0)) for disc in discs))
     found = [_Search(checked, near, disc, precision).kept(pieces) for disc in discs]
     least = min(found, key=lambda one: one.clearance.minimum).clearance
@@ -182,10 +149,7 @@ class _Search:
         return self._told(self._refined(pieces, _Open(interval, zones), float(crude[far].min(initial=np.inf)), nearest))
 
     def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
-        """Quarter pieces on which a zone's bound does not decide, until all are decided or one is touched.
-
-        Quarters, since rounds cost most: the bound comes nearer by a factor of 16 each time.
-        """
+        """Quarter pieces on which a zone's bound does not decide, until all are decided or one is touched."""
         disc = self.disc
         for _ in range(MAX_HALVINGS // 2):
             if not len(left.interval):
@@ -241,20 +205,7 @@ class _Search:
 
 
 def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc) -> Violation | None:
-    """Return where a disc of the vehicle leaves the workspace box, by the same bound as for clearance.
-
-    Parameters
-    ----------
-    checked : CheckedTrip
-    pieces : Pieces
-        That cover what is checked.
-    disc : VehicleDisc
-        On them.
-
-    Returns
-    -------
-    Violation or None
-    """
+    """Return where a disc of the vehicle leaves the workspace box, by the same bound as for clearance."""
     box = checked.scenario.bounds
     if box is None:
         return None

@@ -15,16 +15,10 @@ _QUARTERS = np.array([-3.0, -1.0, 1.0, 3.0])
 
 @dataclass(frozen=True)
 class Pieces:
-    """Intervals of time, none across a knot.
+    """Intervals of time, none across a knot."""
 
-    Attributes
-    ----------
-    middle, half : (n,) arrays
-        Middles and half widths, in normalised time.
-    """
-
-    middle: Array
-    half: Array
+    middle: Array  # (n,) Middles and half widths, in normalised time
+    half: Array  # (n,) Middles and half widths, in normalised time
 
     @classmethod
     def between(cls, edges: Array) -> Pieces:
@@ -54,37 +48,19 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """What holds on whole intervals.
+    """Bounds that hold on whole intervals."""
 
-    Attributes
-    ----------
-    time, half : (n,) arrays
-        Middles on the planning clock and half widths, s.
-    speed : (n,) array
-        At the middles, m/s.
-    path : PathPoints
-        At the middles.
-    curvature, lateral : (n,) arrays
-        At the middles, signed.
-    curvature_bound, lateral_bound, acceleration_bound : (n,) arrays
-        Upper bounds of the absolute values on the whole intervals.
-    curvature_rate : (n,) array
-        Upper bounds of the absolute rate of the curvature over time, 1/(m s).
-    acceleration : (n,) array
-        At the middles, along the path, m/s^2.
-    """
-
-    time: Array
-    half: Array
-    speed: Array
-    path: PathPoints
-    curvature: Array
-    lateral: Array
-    curvature_bound: Array
-    lateral_bound: Array
-    acceleration_bound: Array
-    curvature_rate: Array
-    acceleration: Array
+    time: Array  # (n,) Middles on the planning clock and half widths, s
+    half: Array  # (n,) Middles on the planning clock and half widths, s
+    speed: Array  # (n,) At the middles, m/s
+    path: PathPoints  # At the middles
+    curvature: Array  # (n,) At the middles, signed
+    lateral: Array  # (n,) At the middles, signed
+    curvature_bound: Array  # (n,) Upper bounds of the absolute values on the whole intervals
+    lateral_bound: Array  # (n,) Upper bounds of the absolute values on the whole intervals
+    acceleration_bound: Array  # (n,) Upper bounds of the absolute values on the whole intervals
+    curvature_rate: Array  # (n,) Upper bounds of the absolute rate of the curvature over time, 1/(m s)
+    acceleration: Array  # (n,) At the middles, along the path, m/s^2
 
     @property
     def power_bound(self) -> Array:
@@ -95,11 +71,7 @@ class Enclosure:
         return bound
 
     def disc(self, offset: float) -> MovingPoint:
-        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m.
-
-        It is at q = r + o T, with q' = v T + o w N and w = v kappa the rate of the heading, so that
-        |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
-        """
+        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m."""
         position, velocity = disc_in_the_middle(self.path, self.speed, self.curvature, offset)
         own = np.sqrt(self.acceleration_bound**2 + self.lateral_bound**2)
         if offset == 0.0:
@@ -112,21 +84,7 @@ class Enclosure:
 
 
 def disc_in_the_middle(path: PathPoints, speed: Array, curvature: Array, offset: float) -> tuple[Array, Array]:
-    """Where the centre of a disc is, so far ahead of the reference point, m, and its velocity, (n, 2) m and m/s.
-
-    Parameters
-    ----------
-    path : PathPoints
-        Of the reference point.
-    speed, curvature : (n,) arrays
-        There, m/s and 1/m.
-    offset : float
-        m.
-
-    Returns
-    -------
-    tuple of (n, 2) arrays
-    """
+    """Centre of a disc at a distance ahead of the reference point, (n, 2) m, and its velocity, (n, 2) m/s."""
     unit = path.direction / path.speed[:, None]
     velocity = speed[:, None] * unit
     if offset == 0.0:

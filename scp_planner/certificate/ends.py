@@ -1,4 +1,4 @@
-"""Whether what a trip is at its ends is what its scenario asks for, whoever made the trip."""
+"""End conditions of a trip against its scenario, whoever made the trip."""
 
 from __future__ import annotations
 
@@ -26,52 +26,28 @@ from scp_planner.units import Point
 
 @dataclass(frozen=True)
 class EndState:
-    """A trip at one of its ends.
+    """A trip at one of its ends."""
 
-    Attributes
-    ----------
-    time : float
-        Absolute, s.
-    position : (x, y)
-        In world coordinates, m.
-    heading : float
-        rad.
-    speed : float
-        m/s.
-    acceleration : float
-        Along the path, m/s^2.
-    """
-
-    time: float
-    position: Point
-    heading: float
-    speed: float
-    acceleration: float
+    time: float  # Absolute, s
+    position: Point  # In world coordinates, m
+    heading: float  # rad
+    speed: float  # m/s
+    acceleration: float  # Along the path, m/s^2
 
 
 def can_reverse(vehicle: Vehicle, speed: float) -> bool:
-    """Whether it can set out against its heading as well as along it, at a speed in units of the scene."""
+    """True if it can set out against its heading as well as along it, at a speed in units of the scene."""
     return vehicle.steering is Steering.BOTH_WAYS and speed <= END_TOLERANCE
 
 
 def sets_out_backwards(scenario: Scenario, first: EndState) -> bool:
-    """Whether a trip that begins so sets out from a stand against the heading of the start: the front is behind."""
+    """True if a trip that begins so sets out from a stand against the heading of the start: the front is behind."""
     wanted = scenario.start.heading
     return wanted is not None and can_reverse(scenario.vehicle, first.speed) and cos(first.heading - wanted) < 0.0
 
 
 def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]:
-    """Tell how a trip begins otherwise than its scenario asks, both in natural units.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    first : EndState
-
-    Yields
-    ------
-    Violation
-    """
+    """Tell how a trip begins otherwise than its scenario asks, both in natural units."""
     start = scenario.start
     found = [
         ("start time", abs(first.time - start.time)),
@@ -89,26 +65,7 @@ def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]
 
 
 def beside_corridor(scenario: Scenario, time: float, position: Point, heading: float) -> Violation | None:
-    """Tell how far beside the corridor a disc of the vehicle begins; None where all begin in it.
-
-    The outside of the corridor is made of walls of a thickness: a disc that begins in the corridor and touches no wall
-    stays in it, and only a disc that begins outside can be beyond the walls.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        In natural units, as all the rest.
-    time : float
-        Absolute, s.
-    position : (x, y)
-        Of the reference point, m.
-    heading : float
-        rad.
-
-    Returns
-    -------
-    Violation or None
-    """
+    """Tell how far beside the corridor a disc of the vehicle begins; None where all begin in it."""
     if scenario.corridor is None:
         return None
     for offset in scenario.vehicle.discs:
@@ -120,21 +77,7 @@ def beside_corridor(scenario: Scenario, time: float, position: Point, heading: f
 
 
 def goal_violations(scenario: Scenario, last: EndState, began: float, backwards: bool) -> Iterator[Violation]:
-    """Tell how a trip ends otherwise than its scenario asks, both in natural units.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    last : EndState
-    began : float
-        When the trip began, s.
-    backwards : bool
-        Whether it sets out against the heading of its start.
-
-    Yields
-    ------
-    Violation
-    """
+    """Tell how a trip ends otherwise than its scenario asks, both in natural units."""
     goal, time = scenario.goal, last.time
     yield from _window(scenario, time, began)
     found = [*_place(scenario, last, backwards), *_heading_and_speed(scenario, last)]
@@ -161,7 +104,7 @@ def _ahead(position: Point, heading: float, distance: float) -> Point:
 
 
 def _place(scenario: Scenario, last: EndState, backwards: bool) -> Iterator[Violation]:
-    """How far from the goal it ends, and what is allowed."""
+    """Distance of the end from the goal, and the allowed one."""
     goal, ahead = scenario.goal, -scenario.vehicle.centre if backwards else scenario.vehicle.centre
     if goal.region is None:
         yield Violation("distance from the goal", dist(last.position, goal.position), goal.radius, last.time)
@@ -171,7 +114,7 @@ def _place(scenario: Scenario, last: EndState, backwards: bool) -> Iterator[Viol
 
 
 def _heading_and_speed(scenario: Scenario, last: EndState) -> Iterator[Violation]:
-    """How far heading and speed at the end are from what the goal asks for, and what is allowed."""
+    """Errors of heading and speed at the end against the goal's, and the allowed ones."""
     goal, time = scenario.goal, last.time
     if goal.heading is not None:
         yield Violation("goal heading", abs(remainder(last.heading - goal.heading, 2.0 * pi)), 0.0, time)

@@ -1,4 +1,4 @@
-"""How fast a vehicle can be at each time of a trip of given duration, and how far it can get."""
+"""Bounds of speed and distance at each time of a trip of given duration."""
 
 from __future__ import annotations
 
@@ -18,14 +18,7 @@ LONGEST_STEP = 0.25  # units of time between instants, before the vehicle is fas
 
 
 class Speeds:
-    """The highest speed at each time of a trip of given duration, and how far it leads.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    duration : float
-        s.
-    """
+    """The highest speed at each time of a trip of given duration, and how far it leads."""
 
     def __init__(self, scenario: Scenario, duration: float) -> None:
         vehicle, goal_speed = scenario.vehicle, scenario.goal.speed

@@ -18,21 +18,7 @@ LEAST_DIVISOR = 1e-300
 
 
 def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
-    """Convex polygons inside the parts of zones that come near a box.
-
-    Parameters
-    ----------
-    batch : ZoneBatch
-    times : (n,) array
-        On the planning clock, s.
-    low, high : (2,) arrays
-        Corners of the box, m.
-
-    Yields
-    ------
-    (k,) array of int, (k, C, 2) array
-        Instants, and the corners at each in order, m: the points of the part that are farthest in some directions.
-    """
+    """Convex polygons inside the parts of zones that come near a box."""
     centers, reaches = batch.centers.grid(times), batch.reach(times)
     headings = directions_of(batch.directions.grid(times)) if batch.any_turning else None
     covariances = None if batch.covariances is None else batch.covariances.grid(times)

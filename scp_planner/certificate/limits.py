@@ -19,23 +19,7 @@ A_JUMP = 1e12  # units of jerk, said of the jerk where the acceleration jumps
 
 
 def limits_found(checked: CheckedTrip, limits: Limits, pieces: Pieces, enclosure: Enclosure) -> dict[str, Finding]:
-    """Check all limits of a trip.
-
-    Parameters
-    ----------
-    checked : CheckedTrip
-    limits : Limits
-        Of its scenario.
-    pieces : Pieces
-        That cover what is checked.
-    enclosure : Enclosure
-        Of the trip on them.
-
-    Returns
-    -------
-    dict of str to Finding
-        By the names of the limits.
-    """
+    """Check all limits of a trip."""
     vehicle = checked.scenario.vehicle
     found = _speed_and_acceleration(checked, limits)
     for name, limit in (
@@ -56,7 +40,7 @@ def limits_found(checked: CheckedTrip, limits: Limits, pieces: Pieces, enclosure
 
 
 def keeps_speed_later(checked: CheckedTrip, limits: Limits) -> bool:
-    """Whether a trip is not too fast for a vehicle that is on its way, either."""
+    """True if a trip is not too fast for a vehicle that is on its way, either."""
     top = max(limits.speed, checked.trajectory.space.start_speed)
     return float(checked.trajectory.speed_control_points().max()) <= top * (1 + RELATIVE_TOLERANCE)
 
@@ -89,7 +73,7 @@ def _kept(
     sign: float = 1.0,
     tolerance: float | None = None,
 ) -> Finding:
-    """How far a piecewise polynomial of normalised time, times a sign, uses an upper limit."""
+    """Use of an upper limit by a piecewise polynomial of normalised time, times a sign."""
     basis = checked.trajectory.space.acceleration
     allowed = limit + (RELATIVE_TOLERANCE * limit if tolerance is None else tolerance)
     found = highest(sign * coefficients, allowed)
@@ -107,7 +91,6 @@ class _Bounded:
 
 
 def _bounded(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
-    """What one limit bounds."""
     match name:
         case "curvature":
             return _Bounded(enclosure.curvature, enclosure.curvature_bound)

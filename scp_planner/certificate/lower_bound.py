@@ -1,21 +1,4 @@
-"""Times that no trip can be shorter than, with obstacles and without.
-
-A trip of at most T seconds is a moving point that, at each of some instants t_k,
-
-- is outside every zone, and inside the workspace;
-- has moved since the instant before by no more than the highest speed allows,
-  v(t) <= min(v0 + a_max t, v_max, goal speed + d_max (T - t));
-- is as near to the start and to the goal as these speeds demand.
-
-All else is given up: headings, curvature, lateral acceleration, and what happens between the instants. The points that
-such a motion can be at are kept as a set of cells, always a superset of the true one: a cell is left out only if all
-of it is in one zone, outside the workspace, or too far away, and it is reached if any of its points is near enough to
-any point of a cell reached before. If no set holds a cell from which the goal can be reached by T, no trip takes T or
-less: so this bound is true for every trip, however its path is written, up to the rounding that certificates allow.
-
-Cells are wide across the line from start to goal and short along it. The farthest cell along that line is as far away
-as its instant allows, to rounding: straight trips gain nothing by the cells, and sidesteps hardly.
-"""
+"""Times that no trip can be shorter than, with obstacles and without."""
 
 from __future__ import annotations
 
@@ -41,17 +24,7 @@ GROWTH = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
 
 
 def kinematic_bound(scenario: Scenario) -> float:
-    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    float
-        s.
-    """
+    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may."""
     time = straight_trip_time(scenario, Limits.of(scenario))
     earliest = scenario.goal.earliest_arrival
     return time if earliest is None else max(time, earliest - scenario.start.time)
@@ -103,22 +76,7 @@ def lower_bound(
 def bound_among(
     scenario: Scenario, at_most: float | None, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
 ) -> float:
-    """Return :func:`lower_bound` of a scenario in natural units.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    at_most : float, optional
-        Travel time of a trip that is known, s.
-    threat_zones : sequence of ThreatZone
-    deadline : float
-        Of the clock of :func:`time.perf_counter`, s.
-
-    Returns
-    -------
-    float
-        s.
-    """
+    """Return :func:`lower_bound` of a scenario in natural units."""
     least = kinematic_bound(scenario)
     if not scenario.obstacles:
         return least
@@ -126,17 +84,7 @@ def bound_among(
 
 
 class _Bisection:
-    """The longest duration that is excluded, as far as it is found.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    threat_zones : tuple of ThreatZone
-    least : float
-        The kinematic bound, s.
-    deadline : float
-        Of the clock of :func:`time.perf_counter`, s.
-    """
+    """The longest duration that is excluded, as far as it is found."""
 
     def __init__(self, scenario: Scenario, threat_zones: tuple[ThreatZone, ...], least: float, deadline: float) -> None:
         self.scenario, self.threat_zones = scenario, threat_zones
@@ -189,24 +137,7 @@ class _Bisection:
 def no_trip_within(
     scenario: Scenario, travel_time: float, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
 ) -> bool:
-    """Whether it can be proved, quickly, that no trip takes a travel time or less.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    travel_time : float
-        s.
-    threat_zones : sequence of ThreatZone
-        What is in the way; none: the workspace alone.
-    deadline : float
-        Of the clock of :func:`time.perf_counter`, s: then it is left open.
-
-    Returns
-    -------
-    bool
-        If true there is none, however its path is written. If false, that is open; so it is where there would be too
-        many cells and instants to look at.
-    """
+    """True if it can be proved, quickly, that no trip takes a travel time or less."""
     if travel_time < kinematic_bound(scenario) * (1.0 - SPEED_ROUNDING):
         return True
     if not threat_zones:  # straight on, inside a convex workspace
@@ -222,18 +153,7 @@ def no_trip_within(
 
 
 def goal_is_covered_for_good(scenario: Scenario, threat_zones: Sequence[ThreatZone]) -> bool:
-    """Whether one of the zones that stand covers all of the goal: then no trip ever arrives.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        In natural units.
-    threat_zones : sequence of ThreatZone
-
-    Returns
-    -------
-    bool
-    """
+    """True if one of the zones that stand covers all of the goal: then no trip ever arrives."""
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
     zones = ZoneBatch.of(threat_zones, frame, scenario.vehicle.radius - ROUNDING)
     goal = frame.to_frame(np.array([scenario.goal.position]))

@@ -1,4 +1,4 @@
-"""Where any trip of at most some duration can be, at each of some instants: see `lower_bound`."""
+"""Places that any trip of at most some duration can be at, at each of some instants: see `lower_bound`."""
 
 from __future__ import annotations
 
@@ -62,25 +62,7 @@ class NotDecided(Exception):
 
 
 class Relaxation:
-    """Where trips of at most some duration can be, at each instant.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    threat_zones : tuple of ThreatZone
-    longest : float
-        Durations up to this can be asked for, s.
-    cells : int
-        At most.
-    deadline : float
-        Of the clock of :func:`time.perf_counter`, s.
-
-    Raises
-    ------
-    NotDecided
-        If there would be too much to look at, before anything is allocated; here and in all methods also when the
-        time is over.
-    """
+    """Places that trips of at most some duration can be at, at each instant."""
 
     def __init__(
         self,
@@ -147,7 +129,7 @@ class Relaxation:
         return CellGrid(low, high, cell, room, window), ALIGNED * step
 
     def _aside(self, driven: Array) -> Array:
-        """How far from the line a trip may be that has driven so far at most, m, and is to arrive in time, m."""
+        """Largest distance from the line, m, after a largest way, m, for a trip that arrives in time."""
         here, there = driven + ROUNDING, self._most_driven - driven + self.radius + ROUNDING
         # Half of the lens in which two discs meet, or of the smaller of them
         apart = max(self.distance, ROUNDING)
@@ -199,7 +181,7 @@ class Relaxation:
 
     @cached_property
     def goal_is_free(self) -> list[bool]:
-        """Whether some point of the goal may be outside the zones at some time between an instant and the next."""
+        """True if some point of the goal may be outside the zones at some time between an instant and the next."""
         free = []
         for first, last in pairwise(self.times.tolist()):
             self.in_time()
@@ -211,7 +193,7 @@ class Relaxation:
         return free
 
     def possible(self, duration: float) -> bool:
-        """Whether a trip that takes no longer than a duration, s, cannot be excluded."""
+        """True if a trip that takes no longer than a duration, s, cannot be excluded."""
         scenario, grid, times = self.scenario, self.grid, self.times
         earliest = scenario.goal.earliest_arrival
         waits_until = -np.inf

@@ -28,10 +28,7 @@ class PartOfMotion:
     discs: tuple[VehicleDisc, ...]
 
     def cut(self, checked: CheckedTrip, knots: Array) -> PartOfMotion:
-        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last.
-
-        And where what is checked begins: zones that change with time may be none before.
-        """
+        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last."""
         begins, ends = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
         knots = np.append(knots, max(checked.first, begins[0]))
         cut = np.zeros(len(ends), dtype=bool)
@@ -47,26 +44,7 @@ class PartOfMotion:
 
 
 def _expanded(disc: VehicleDisc, whole: Index, middle: Array, half: Array) -> VehicleDisc:
-    """A disc on parts of its pieces, as Taylor's polynomial of degree 1 in the middle of each whole piece has it.
-
-    With |r''| <= a on a piece, at a time s from its middle, the polynomial is off by a s^2 / 2, and its rate by a s. So
-    it serves on a part with a middle that is d away from the other, of half width h, with a ((|d| + h) / h)^2 in place
-    of a. To ask the path where it is takes longer than all else of a certificate that is looked at again.
-
-    Parameters
-    ----------
-    disc : VehicleDisc
-        On the pieces.
-    whole : (n,) array of int
-        Of which piece each is a part.
-    middle, half : (n,) arrays
-        Of the parts, on the planning clock, s.
-
-    Returns
-    -------
-    VehicleDisc
-        On the parts.
-    """
+    """A disc on parts of its pieces, as Taylor's polynomial of degree 1 in the middle of each whole piece has it."""
     center = disc.center.take(whole)
     away = middle - center.time
     reach = (np.abs(away) + half) / half
@@ -78,34 +56,19 @@ def _expanded(disc: VehicleDisc, whole: Index, middle: Array, half: Array) -> Ve
 
 @dataclass(frozen=True)
 class KeptMotion:
-    """A motion that keeps all limits, on pieces of time.
-
-    Attributes
-    ----------
-    space : TripSpace
-    scenario : Scenario
-        Whose limits they are.
-    ends : Ends
-    first, last : float
-        From when to when limits were checked, in normalised time.
-    pieces : Pieces
-        In order.
-    discs : tuple of VehicleDisc
-        The discs of the vehicle on them.
-    limits : dict of str to LimitUse
-    """
+    """A motion that keeps all limits, on pieces of time."""
 
     space: TripSpace
-    scenario: Scenario
+    scenario: Scenario  # Whose limits they are
     ends: Ends
-    first: float
-    last: float
-    pieces: Pieces
-    discs: tuple[VehicleDisc, ...]
+    first: float  # From when to when limits were checked, in normalised time
+    last: float  # From when to when limits were checked, in normalised time
+    pieces: Pieces  # In order
+    discs: tuple[VehicleDisc, ...]  # The discs of the vehicle on them
     limits: dict[str, LimitUse]
 
     def serves(self, checked: CheckedTrip, ends: Ends) -> bool:
-        """Whether a check of the same control points would find the same limits kept."""
+        """True if a check of the same control points would find the same limits kept."""
         mine, other = self.scenario, checked.scenario
         return (
             self.space is checked.trajectory.space
@@ -121,11 +84,7 @@ class KeptMotion:
         )
 
     def part(self, checked: CheckedTrip) -> PartOfMotion | None:
-        """Return the pieces that cover what is checked, none across a zone's knot; None if there are none.
-
-        The first piece may begin before what is to be checked: then it is kept clear of all the more, or if it is not,
-        nothing follows from that.
-        """
+        """Return the pieces that cover what is checked, none across a zone's knot; None if there are none."""
         begins, finishes = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
         part = slice(int(np.searchsorted(finishes, checked.first, "right")), int(np.searchsorted(begins, checked.last)))
         if part.start >= part.stop:
@@ -137,10 +96,7 @@ class KeptMotion:
 
 
 class Motions:
-    """Trips that were found to keep all limits, of which only the clearance is checked again as they are driven on.
-
-    A trip is told by the bits of all that it depends on.
-    """
+    """Trips that were found to keep all limits, of which only the clearance is checked again as they are driven on."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], KeptMotion] = {}
@@ -151,7 +107,7 @@ class Motions:
         return trip.frame, trajectory.travel_time, trajectory.theta.tobytes(), trajectory.beta.tobytes()
 
     def of(self, trip: Trip) -> KeptMotion | None:
-        """What is known of a trip."""
+        """Known bounds of a trip."""
         return self._known.get(self._name(trip))
 
     def add(self, trip: Trip, motion: KeptMotion) -> None:

@@ -1,18 +1,4 @@
-"""The certificate of a trip that is given by samples: of the motion that `trips.sampled_motion` makes of them.
-
-Its pieces have a constant acceleration A each, so that with the velocities u and w at the ends of a piece:
-
-- the speed is convex, and highest at an end;
-- the acceleration along the path, A . v / |v|, grows from end to end, since v turns towards A;
-- v x A is the same all along, so that acceleration across the path, v x A / |v|, and curvature, v x A / |v|^3, are
-  largest where the speed is least: at an end, or where v . A = 0.
-
-No bound is needed for these, and none is lost. Clearance, the workspace box and speed limits by place are bounded on
-intervals of time, which are halved until they are decided, as for any other trip (`check`).
-
-The acceleration jumps at samples. So where a scenario limits the jerk, or the rate of the curvature, only a trip that
-has no jumps is certified.
-"""
+"""The certificate of a trip that is given by samples: of the motion that `trips.sampled_motion` makes of them."""
 
 from __future__ import annotations
 
@@ -65,20 +51,7 @@ STANDING_TURN = 1e-3  # rad; by so much a direction in which a vehicle moves off
 def certify_samples(
     scenario: Scenario, samples: SampledTrajectory, threat_zones: Sequence[ThreatZone] | None = None
 ) -> Certificate:
-    """Check samples of a trip against a scenario, in continuous time.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    samples : SampledTrajectory
-        What happens between them: see `scp_planner.trips.sampled_motion`.
-    threat_zones : sequence of ThreatZone, optional
-        The scenario's zones, if they are at hand.
-
-    Returns
-    -------
-    Certificate
-    """
+    """Check samples of a trip against a scenario, in continuous time."""
     units = NaturalUnits.to_check(scenario)
     inside, given = units.scenario(scenario), samples.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
@@ -148,7 +121,7 @@ class _SampledCheck:
         self.violations += [] if beside is None else [beside]
 
     def _directions(self) -> None:
-        """Whether it moves backwards, or turns where it stands."""
+        """Violations by moving backwards, or turning on the spot."""
         pieces, vehicle = self.pieces, self.scenario.vehicle
         back = pieces.backwards
         if back.any():
@@ -181,7 +154,7 @@ class _SampledCheck:
         return up if up.worst / self.limits.acceleration >= -down.worst / self.limits.deceleration else down
 
     def _across(self, name: str, limit: float, power: int) -> LimitUse:
-        """What is velocity x acceleration by a power of the speed."""
+        """Cross product of velocity and acceleration, divided by a power of the speed."""
         pieces = self.pieces
         value = pieces.largest(np.abs(pieces.turn), power)
         worst = int(np.argmax(value))
@@ -222,7 +195,7 @@ class _SampledCheck:
         return self._used("jerk", float(value[worst]), limit, pieces.when_slowest[worst])
 
     def _used(self, name: str, value: float, limit: float, time: float, sign: float = 1.0) -> LimitUse:
-        """How far a limit is used, by a quantity times a sign; noted if it is broken."""
+        """Use of a limit by a quantity times a sign; noted if it is broken."""
         broken = not value <= limit * (1.0 + RELATIVE_TOLERANCE)
         self._note(name, sign * value, sign * limit, time, broken)
         return LimitUse(sign * value, sign * limit if np.isfinite(limit) else None, float(time))
@@ -266,7 +239,7 @@ class _SampledCheck:
         return LimitUse(best, part.speed, when)
 
     def _bounds(self, offset: float) -> None:
-        """Whether a disc of the vehicle stays inside the workspace box."""
+        """Violations of the workspace box by a disc of the vehicle."""
         box, radius = self.scenario.bounds, self.scenario.vehicle.radius
         if box is None:
             return
@@ -289,7 +262,7 @@ class _SampledCheck:
         self._note("workspace bounds", least, 0.0, when, True)
 
     def _turned(self, offset: float) -> float:
-        """How far a disc may be beside its course where the vehicle stands, m: it turns there by very little."""
+        """Largest distance of a disc from its course where the vehicle stands and turns by very little, m."""
         return 0.5 * abs(offset) * min(float(self.pieces.standing_turn.max()), STANDING_TURN)
 
     def _clearances(self) -> Clearance:
@@ -313,18 +286,7 @@ class _SampledCheck:
 
 
 class _DiscClearance:
-    """The least clearance of a disc of the vehicle, as far as it has been looked at.
-
-    Attributes
-    ----------
-    certified : float
-        A lower bound, m; negative: not outside all zones, or not known to be.
-    least : float
-        The least value that was found, m; at which time and of which zone.
-    when : float
-        s.
-    zone : int
-    """
+    """The least clearance of a disc of the vehicle, as far as it has been looked at."""
 
     def __init__(self, batch: ZoneBatch, pieces: PieceVelocities, offset: float) -> None:
         self._bounds, self._pieces, self._offset = ZoneBounds(batch), pieces, offset

@@ -18,18 +18,11 @@ FEWEST_PARTS = 192  # of a motion at the first level
 
 @dataclass(frozen=True)
 class Parts:
-    """Intervals of time in pieces of a motion.
+    """Intervals of time in pieces of a motion."""
 
-    Attributes
-    ----------
-    piece : (n,) array of int
-    middle, half : (n,) arrays
-        s.
-    """
-
-    piece: Index
-    middle: Array
-    half: Array
+    piece: Index  # (n,)
+    middle: Array  # (n,) s
+    half: Array  # (n,) s
 
     def halves(self, keep: Mask) -> Parts:
         """Return both halves of the parts that are kept: first all first ones."""
@@ -44,18 +37,7 @@ class Parts:
 
 
 def first_parts(motion: SampledMotion, knots: Array) -> Parts:
-    """Cut a motion at the ends of its pieces and at other times, (k,) s, and into no fewer parts than a few.
-
-    Parameters
-    ----------
-    motion : SampledMotion
-    knots : (k,) array
-        s.
-
-    Returns
-    -------
-    Parts
-    """
+    """Cut a motion at the ends of its pieces and at other times, (k,) s, and into no fewer parts than a few."""
     first, last = motion.begin[0], motion.end[-1]
     even = np.linspace(first, last, FEWEST_PARTS + 1)
     edges = np.unique(np.concatenate([motion.begin, [last], even, knots[(knots > first) & (knots < last)]]))
@@ -66,30 +48,15 @@ def first_parts(motion: SampledMotion, knots: Array) -> Parts:
 
 @dataclass(frozen=True)
 class PieceVelocities:
-    """How a motion's pieces are driven.
-
-    Attributes
-    ----------
-    motion : SampledMotion
-    first, last : (m, 2) arrays
-        Velocities at the ends of the pieces, m/s.
-    turn : (m,) array
-        Velocity x acceleration, m^2/s^3.
-    slowest : (m,) array
-        The least speed of each piece, m/s.
-    when_slowest : (m,) array
-        s.
-    still : float
-        Slower than this, a velocity has no direction, m/s.
-    """
+    """Velocities of a motion's pieces."""
 
     motion: SampledMotion
-    first: Array
-    last: Array
-    turn: Array
-    slowest: Array
-    when_slowest: Array
-    still: float
+    first: Array  # (m, 2) Velocities at the ends of the pieces, m/s
+    last: Array  # (m, 2) Velocities at the ends of the pieces, m/s
+    turn: Array  # (m,) Velocity x acceleration, m^2/s^3
+    slowest: Array  # (m,) The least speed of each piece, m/s
+    when_slowest: Array  # (m,) s
+    still: float  # Slower than this, a velocity has no direction, m/s
 
     @classmethod
     def of(cls, motion: SampledMotion) -> PieceVelocities:
@@ -161,7 +128,7 @@ class PieceVelocities:
 
     @cached_property
     def backwards(self) -> Mask:
-        """Which pieces come to a stop in line and go back."""
+        """Pieces that come to a stop in line and go back."""
         against = (self.entering * self.leaving).sum(axis=1) < 0.0
         moving = np.minimum(np.hypot(*self.first.T), np.hypot(*self.last.T)) > self.still
         found: Mask = (self.turn == 0.0) & against & moving
@@ -169,10 +136,7 @@ class PieceVelocities:
 
     @cached_property
     def standing_turn(self) -> Array:
-        """By how much each piece begins in another direction than the one before ended, (m,) rad, 0 of the first.
-
-        The velocity is continuous, and so only where the vehicle stands.
-        """
+        """By how much each piece begins in another direction than the one before ended, (m,) rad, 0 of the first."""
         found = np.zeros(len(self.turn))
         moving = np.flatnonzero(np.isfinite(self.entering[:, 0]))
         before, after = self.leaving[moving[:-1]], self.entering[moving[1:]]
@@ -193,11 +157,7 @@ class PieceVelocities:
         return found
 
     def disc(self, parts: Parts, offset: float) -> MovingPoint:
-        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m, on parts.
-
-        It is at q = r + o T, with q' = v T + o w N and w = v x A / |v|^2 the rate of the heading; w' = -2 w A.T / |v|,
-        so that |q''| <= |A| + |o| |(w', w^2)|.
-        """
+        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m, on parts."""
         motion, piece = self.motion, parts.piece
         velocity = motion.velocity_at(piece, parts.middle)
         position = motion.position_at(piece, parts.middle)

@@ -1,4 +1,4 @@
-"""Whether a trip begins and ends as its scenario asks."""
+"""Start and end of a trip against its scenario."""
 
 from __future__ import annotations
 
@@ -20,18 +20,7 @@ _BOTH_ENDS = np.array([0.0, 1.0])
 
 
 def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
-    """Return what a trip breaks at its ends.
-
-    Parameters
-    ----------
-    checked : CheckedTrip
-    ends : Ends
-        That must be those of the scenario.
-
-    Returns
-    -------
-    tuple of Violation
-    """
+    """Return what a trip breaks at its ends."""
     scenario, trajectory, frame = checked.scenario, checked.trajectory, checked.trip.frame
     path, drive = trajectory.path, trajectory.drive_at(_BOTH_ENDS)
     # A trip that goes on beyond its path would be held at the goal, at a speed that it does not have.

@@ -1,4 +1,4 @@
-"""What a certificate says: its measures and violations, and the tolerances that it grants."""
+"""Contents of a certificate: measures, violations, and the tolerances that it grants."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ UNITS = {
     "curvature": "1/m",
     "curvature_rate": "1/(m s)",
 }
-"""Of what can be violated; what users' own constraints exceed has none."""
+"""Units of violations; excesses over users' own constraints have none."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Violation:
 
     @property
     def unit(self) -> str:
-        """Of value and allowed, after a space; empty without one."""
+        """Unit of value and allowed, after a space; empty without one."""
         unit = UNITS.get(self.what.partition("[")[0])
         return "" if unit is None else f" {unit}"
 
@@ -206,7 +206,7 @@ class Certificate:
 
     @property
     def late(self) -> bool:
-        """Whether the trip arrives later than it may, and nothing else is wrong with it."""
+        """True if the trip arrives later than it may, and nothing else is wrong with it."""
         return bool(self.violations) and all(violation.what == LATEST for violation in self.violations)
 
 

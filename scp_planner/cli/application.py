@@ -22,8 +22,6 @@ R = TypeVar("R")
 
 
 class ExitCode(IntEnum):
-    """What a command tells its caller."""
-
     CERTIFIED = 0
     BAD_INPUT = 2
     NOT_CERTIFIED = 3
@@ -46,16 +44,9 @@ study_app = typer.Typer(name="study", help="Measure the published claims.", no_a
 
 @dataclass(frozen=True)
 class Command:
-    """A command as it was registered.
+    """A command as it was registered."""
 
-    Attributes
-    ----------
-    function : callable
-        Its parameters are the arguments and options, its docstring the help.
-    examples : tuple of str
-    """
-
-    function: Callable[..., Any]
+    function: Callable[..., Any]  # Its parameters are the arguments and options, its docstring the help
     examples: tuple[str, ...]
 
 
@@ -64,7 +55,7 @@ COMMANDS: dict[str, Command] = {}
 
 
 COMPLETE_VARIABLE = "_SCP_PLANNER_COMPLETE"
-"""Of the environment: what the script of a shell asks for."""
+"""Environment variable in which a shell's script asks for completions."""
 
 
 WORD_BREAKS = (":", "=")
@@ -79,10 +70,6 @@ def main() -> None:
 
 
 def _complete_in_bash() -> None:
-    """Complete for bash, which takes a word with a colon or an equals sign for several, and wants the last one's rest.
-
-    Only the words are handed on, and not the line: what stands beside such a sign is taken to belong to it.
-    """
     words, place = os.environ["COMP_WORDS"].split("\n"), int(os.environ["COMP_CWORD"])
     joined: list[str] = []
     for word in words[: place + 1]:
@@ -144,7 +131,7 @@ def _interrupted(message: str = "") -> typer.Exit:
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether an interrupt is behind an error: extension modules may fail to load because of one."""
+    """True if an interrupt is behind an error: extension modules may fail to load because of one."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
             return True

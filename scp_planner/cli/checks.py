@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from scp_planner.trips.samples import SampledTrajectory
 
 LIMIT_PREFIX = "max_"
-"""Of a vehicle's limits."""
+"""Prefix of a vehicle's limits."""
 
 PLAN_KEY = "schema"
-"""What a plan file has, and a file of samples has not."""
+"""Key of every plan file, which a file of samples has not."""
 
 
 def check(

@@ -39,8 +39,6 @@ class BenchmarkCost(StrEnum):
 
 @dataclass(frozen=True)
 class SolutionOptions:
-    """What is asked for as a solution of the benchmark."""
-
     file: Annotated[
         Path | None,
         typer.Option("--commonroad-solution", help="Plan for a model of CommonRoad, and write the solution file, XML."),

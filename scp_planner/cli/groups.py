@@ -1,7 +1,4 @@
-"""Options in groups: a command takes one object for what belongs together, the parser sees an option for each field.
-
-A group is a frozen dataclass whose fields are annotated as parameters of a command are, with defaults.
-"""
+"""Options in groups: a command takes one object for what belongs together, the parser sees an option for each field."""
 
 from __future__ import annotations
 
@@ -32,8 +29,6 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Printing:
-    """How much a command tells."""
-
     as_json: Json = False
     quiet: Quiet = False
     verbose: Verbose = False
@@ -41,8 +36,6 @@ class Printing:
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """How plans are made."""
-
     method: MethodName = PlanningMethod.SCP
     solver: SolverName = None
     assignments: Assignments = None
@@ -57,7 +50,7 @@ class PlanOptions:
 
     @property
     def values(self) -> dict[str, Any]:
-        """What is asked for by ``--set`` and ``--solver``."""
+        """Settings by ``--set`` and ``--solver``."""
         return keyword_settings(self.assignments, self.solver)
 
 

@@ -45,14 +45,7 @@ def settings(
 
 @dataclass(frozen=True)
 class SettingEntry:
-    """One setting as it is shown.
-
-    Attributes
-    ----------
-    heading : str
-        Of the settings that it belongs to.
-    name, default, allowed, effect : str
-    """
+    """One setting as it is shown."""
 
     heading: str
     name: str

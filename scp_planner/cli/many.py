@@ -40,8 +40,6 @@ MOST_TOLD = 10
 
 @dataclass(frozen=True)
 class CrewOptions:
-    """Who works on a batch."""
-
     workers: Workers = None
     dask: Annotated[
         str | None,
@@ -54,7 +52,7 @@ class CrewOptions:
             raise bad_option("--workers", self.workers, "goes with processes of this machine, not with --dask")
 
     def executor(self, verbose: bool, stack: ExitStack) -> Executor:
-        """Who does the work; a connection is closed with the stack."""
+        """Executor of the work; a connection is closed with the stack."""
         if self.dask is None:
             from scp_planner.batch.local import LocalExecutor
 
@@ -69,8 +67,6 @@ class CrewOptions:
 
 @dataclass(frozen=True)
 class TableOptions:
-    """What the table has, and what is done again for it."""
-
     timings: Annotated[
         bool, typer.Option("--timings", help="Add a column of wall times, which differ from run to run.")
     ] = False
@@ -134,8 +130,6 @@ def batch(
 
 @dataclass(frozen=True)
 class _Work:
-    """What a batch is to do."""
-
     files: dict[str, Path]
     output: Path
     options: Options

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Model, Scenario
 
 BUILT_IN = "builtin:"
-"""What the name of a built-in scenario follows where a file is wanted."""
+"""Prefix of a built-in scenario's name where a file is wanted."""
 
 COMMONROAD_SUFFIX = ".xml"
-"""Of scenarios of CommonRoad."""
+"""Suffix of CommonRoad's scenarios."""
 
 
 def at_least(least: int) -> Callable[[int | None], int | None]:

@@ -1,4 +1,4 @@
-"""What commands print: summaries on stdout, messages and progress on stderr."""
+"""Output of commands: summaries on stdout, messages and progress on stderr."""
 
 from __future__ import annotations
 

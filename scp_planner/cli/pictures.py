@@ -26,7 +26,7 @@ PictureView = Annotated[
 
 
 def can_plot() -> bool:
-    """Whether matplotlib is there."""
+    """True if matplotlib is there."""
     return importlib.util.find_spec("matplotlib") is not None
 
 

@@ -183,8 +183,6 @@ def _coverage_of_model(model: str, tracks: list[Path], probability: float, outpu
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is fitted, and how."""
-
     kind: Annotated[
         str, typer.Option("--kind", metavar="NAME", help="random_walk (of the velocity), mean_reverting or singer.")
     ] = "random_walk"

@@ -1,4 +1,4 @@
-"""What is told of plans, certificates and runs: a name and a figure each."""
+"""Summaries of plans, certificates and runs: a name and a figure each."""
 
 from __future__ import annotations
 

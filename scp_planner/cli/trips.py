@@ -45,8 +45,6 @@ SLOWEST_RATE = 1e-9  # Hz
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What is drawn of a plan."""
-
     plot: Annotated[
         Path | None,
         typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
@@ -64,8 +62,6 @@ class Values:
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """How a closed loop is driven."""
-
     noise: Annotated[
         float | None,
         typer.Option(

@@ -1,4 +1,4 @@
-"""What a trip has to keep: of each constraint, in one file, the excess of a trip and how a step changes it.
+"""Constraints of a trip, a file each: excess, gradient, rows, tightening.
 
 May import threat zones, trips, the scenario and all below; nothing that solves. Begin with `constraint`, the interface;
 `registry` names them all, `setup` is what they are made from.

@@ -1,7 +1,4 @@
-"""The workspace box: the vehicle's discs stay inside, at the fixed stations of the path.
-
-There the position g(s) + f(s) n(s) is linear in the offset, so the rows of the reference point are exact.
-"""
+"""The workspace box: the vehicle's discs stay inside, at the fixed stations of the path."""
 
 from __future__ import annotations
 
@@ -22,8 +19,6 @@ from scp_planner.trips.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class InBox(Constraint):
-    """How far the reference point is beyond each side of the box at each station, (M S,) m."""
-
     name: ClassVar[str] = "workspace bounds"
     near: ClassVar[float] = NEAR
 
@@ -54,8 +49,6 @@ class InBox(Constraint):
 
 @dataclass(frozen=True)
 class DiscInBox(InBox):
-    """How far a disc on the vehicle's axis, so many m ahead, is beyond each side of the box at each station."""
-
     ahead: float
 
     def excess(self, trip: Trajectory) -> Array:

@@ -1,13 +1,4 @@
-"""Clearance from threat zones.
-
-With c = nu . (r(u) - eta(t)) - h(nu, t), t = tau sigma, and nu_t = nu . r' / |r'|,
-
-    dc = (nu . n) B(u) dtheta + nu_t (dD - dS/dtheta dtheta) + sigma (dc/dt at a fixed point) dtau,
-    dD = v0 sigma dtau + C2(sigma) db.
-
-The envelope theorem makes this exact to first order for minima over time and normals. dc/dt contains the growth
-of the zone.
-"""
+"""Clearance from threat zones."""
 
 from __future__ import annotations
 
@@ -43,11 +34,7 @@ class _Look:
 
 
 class Clearance(Constraint):
-    """Entry into each zone, m: at refined minima of the distance over time, then at all samples.
-
-    So it is a function of the trip and not of the sampling. Of a zone of several parts only the deepest entry is a
-    violation: walls that overlap are entered once.
-    """
+    """Entry into each zone, m: at refined minima of the distance over time, then at all samples."""
 
     name: ClassVar[str] = "clearance"
     near: ClassVar[float] = NEAR
@@ -120,14 +107,12 @@ class Clearance(Constraint):
         return np.concatenate([np.arange(len(look.zone)), len(look.zone) + sample * zones.size + zone])
 
     def _sample_and_zone(self, look: _Look, index: Index) -> tuple[Index, Index]:
-        """Of each place: its sample, 0 for minima, and its zone."""
         count = len(look.zone)
         sample, zone = np.divmod(index - count, max(self.zones.size, 1))
         zone[index < count] = look.zone[index[index < count]]
         return np.maximum(sample, 0), zone
 
     def _met(self, trip: Trajectory, index: Index) -> tuple[TripPoints, ZoneContacts]:
-        """Where the vehicle is in each place, and its contacts there; minima come first, as from :meth:`places`."""
         look = self._last.of(trip, self._look)
         count = np.count_nonzero(index < len(look.zone))
         sample, zone = self._sample_and_zone(look, index[count:])
@@ -227,7 +212,6 @@ def _entry_gradient(
 
 
 def local_minima(values: Array, below: float) -> tuple[Index, Index]:
-    """Where the local minima are, along the first of two axes, of the values below a bound, ends included."""
     low = values < below
     low[1:] &= values[1:] <= values[:-1]
     low[:-1] &= values[:-1] < values[1:]

@@ -1,9 +1,3 @@
-"""What the loop, its projection and penalty descent ask of a constraint.
-
-A step z = (d theta, d beta, rho) changes the free control points of the offset by d theta, m, those of the acceleration
-by d beta - 2 rho beta, m/s^2, and the travel time tau by rho tau: with b = tau^2 beta, d beta is db / tau^2.
-"""
-
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -26,18 +20,10 @@ T = TypeVar("T")
 
 
 class Constraint(ABC):
-    """One constraint: its excess is at most 0 in each of the places where it is looked at.
+    """One constraint: its excess is at most 0 in each of the places where it is looked at."""
 
-    Attributes
-    ----------
-    name : str
-        As certificates call it.
-    near : float
-        Places with an excess below -near are not looked at in a step.
-    """
-
-    name: ClassVar[str]
-    near: ClassVar[float]
+    name: ClassVar[str]  # As certificates call it
+    near: ClassVar[float]  # Places with an excess below -near are not looked at in a step
 
     @property
     def size(self) -> int:
@@ -135,8 +121,6 @@ class TwoSidedLimit(Limit):
 
 
 class LastTrip(Generic[T]):
-    """What was made of a trip, kept until another one is asked for: rows are asked for after excesses."""
-
     def __init__(self) -> None:
         self._last: tuple[Trajectory, T] | None = None
 

@@ -17,10 +17,7 @@ OPPOSITE = 0.5  # of a limit; where more is used on one side, no step is expecte
 
 
 class Curvature(TwoSidedLimit):
-    """Excess |curvature| / limit - 1 at the fixed stations.
-
-    In one step a straight path may become too curved, or a curvature change its sign: both sides are looked at.
-    """
+    """Excess |curvature| / limit - 1 at the fixed stations."""
 
     name: ClassVar[str] = "curvature"
     near: ClassVar[float] = 1.0 + OPPOSITE

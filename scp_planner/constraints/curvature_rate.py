@@ -1,7 +1,4 @@
-"""Rate of the curvature: along the path dk/dt = v (dk/ds) / |r'|.
-
-On a span of a cubic offset dk/ds is smooth, at breakpoints it jumps: so it is looked at on both sides of them.
-"""
+"""Rate of the curvature: along the path dk/dt = v (dk/ds) / |r'|."""
 
 from __future__ import annotations
 
@@ -106,10 +103,7 @@ class _RateSites:
 
 
 def rate_partials(path: Path, parameters: Array) -> list[Array]:
-    """Partial derivatives of dk/ds along the path by f, f', f'' and f''' at normalised stations, (n,) each.
-
-    By complex steps: exact to rounding.
-    """
+    """Partial derivatives of dk/ds along the path by f, f', f'' and f''' at normalised stations, (n,) each."""
     points = path.points(parameters)
     basis, scale, values = path.space.path, 1.0, []
     for _ in range(4):

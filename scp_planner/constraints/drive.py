@@ -1,9 +1,3 @@
-"""What every step keeps exactly: arrival, bounds of speed, acceleration and offsets; and what descent prices of them.
-
-In the variables (b, tau) with b = tau^2 beta, bounds on the control points of speed and acceleration are linear, except
-that tau^2 in the acceleration's bounds is replaced by its tangent 2 tau_k tau - tau_k^2 <= tau^2: conservative.
-"""
-
 from __future__ import annotations
 
 from collections.abc import Iterator

@@ -1,5 +1,3 @@
-"""What holds at the ends of a trip."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -25,29 +23,12 @@ FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked a
 
 @dataclass(frozen=True)
 class EndConditions:
-    """Which control points of the offset are fixed, and the wanted speed at the goal.
-
-    Attributes
-    ----------
-    theta : (K1,) array
-        Fixed values where ``free`` excludes them, m.
-    free : slice
-        The free control points.
-    goal_speed : float or None
-        m/s.
-    lower, upper : (K1,) arrays
-        Bounds of the control points, m: the largest offset, and less where the guide would fold; the last one stays
-        within the radius of the goal.
-    start_acceleration : float or None
-        What the first control point of the acceleration is to be, m/s^2.
-    """
-
-    theta: Array
-    free: slice
-    goal_speed: float | None
-    lower: Array
-    upper: Array
-    start_acceleration: float | None = None
+    theta: Array  # (K1,) Fixed values where ``free`` excludes them, m
+    free: slice  # The free control points
+    goal_speed: float | None  # m/s
+    lower: Array  # (K1,) Bounds of the control points, m: the largest offset, and less where the guide would fold
+    upper: Array  # (K1,) Bounds of the control points, m: the largest offset, and less where the guide would fold
+    start_acceleration: float | None = None  # m/s^2
 
 
 def end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:

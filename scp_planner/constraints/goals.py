@@ -26,8 +26,6 @@ _END = np.ones(1)
 
 @dataclass(frozen=True)
 class GoalSpeedRange(Constraint):
-    """How far the speed on arrival is outside its range, m/s: above it, then below."""
-
     name: ClassVar[str] = "goal speed"
     near: ClassVar[float] = np.inf
 
@@ -52,8 +50,6 @@ class GoalSpeedRange(Constraint):
 
 
 class GoalSpeed(GoalSpeedRange):
-    """How far the speed on arrival is from the goal's, m/s: above it, then below."""
-
     def tightened(self, more: float) -> Self:
         """Return the same: it is met to rounding."""
         del more
@@ -68,11 +64,6 @@ class GoalSpeed(GoalSpeedRange):
 
 @dataclass(frozen=True)
 class GoalRegion(Constraint):
-    """How far beyond each side of a convex region the middle of the vehicle is on arrival, m.
-
-    The middle is so many m ahead of the reference point; normals . q <= offsets are the sides.
-    """
-
     name: ClassVar[str] = "goal region"
     near: ClassVar[float] = np.inf
 
@@ -99,8 +90,6 @@ class GoalRegion(Constraint):
 
 @dataclass(frozen=True)
 class GoalHeading(Constraint):
-    """How far the heading on arrival is outside its range, middle +- half, rad: to its left, then its right."""
-
     name: ClassVar[str] = "goal heading"
     near: ClassVar[float] = np.inf
 

@@ -1,10 +1,4 @@
-"""Lateral acceleration v^2 k, k the curvature of the path.
-
-At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
-d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
-Where the acceleration jumps, v^2 has a peak that moves along the path. It is followed at its sigma:
-d(v^2 k) = 2 v k dv + v^2 (dk + k' ds), |r'| ds = dD - dS.
-"""
+"""Lateral acceleration v^2 k, k the curvature of the path."""
 
 from __future__ import annotations
 
@@ -101,25 +95,11 @@ class _Basis:
 
 @dataclass(frozen=True)
 class Look:
-    """Where the lateral acceleration of a trip is limited.
-
-    Attributes
-    ----------
-    stations, peaks : StationSites
-        The fixed stations; stations between them, around peaks.
-    jumps : TripPoints or None
-        Where the acceleration jumps: the speed peaks there.
-    jump_bend : PathBend
-        Curvature there.
-    worst : float
-        Largest lateral acceleration, m/s^2, also where it is not followed.
-    """
-
-    stations: StationSites
-    peaks: StationSites
+    stations: StationSites  # The fixed stations; stations between them, around peaks
+    peaks: StationSites  # The fixed stations; stations between them, around peaks
     jumps: TripPoints | None
-    jump_bend: PathBend
-    worst: float
+    jump_bend: PathBend  # Curvature there
+    worst: float  # Largest lateral acceleration, m/s^2, also where it is not followed
 
     @property
     def jump_lateral(self) -> Array:
@@ -129,10 +109,7 @@ class Look:
 
 @dataclass(frozen=True)
 class LateralAcceleration(TwoSidedLimit):
-    """Excess v^2 |k| / limit - 1 at stations, around peaks between them, at jumps of the acceleration.
-
-    Jumps, and peaks between stations, are only looked at when some station comes near to the limit.
-    """
+    """Excess v^2 |k| / limit - 1 at stations, around peaks between them, at jumps of the acceleration."""
 
     name: ClassVar[str] = "lateral_acceleration"
     near: ClassVar[float] = 1.0 + OPPOSITE
@@ -231,10 +208,7 @@ def gradient_at_times(setup: Setup, trip: Trajectory, points: TripPoints, bend: 
 
 
 def _with_parts(trip: Trajectory, lateral: Array) -> Array:
-    """Lateral accelerations at stations, (M,), and at parts of the ways between them, (PARTS (M - 1) + 1,) m/s^2.
-
-    A curved guide bends most anywhere between stations, and where the speed turns there may be two peaks of one bend.
-    """
+    """Lateral accelerations at stations, (M,), and at parts of the ways between them, (PARTS (M - 1) + 1,) m/s^2."""
     cells = len(lateral) - 1
     shares = (np.arange(cells)[:, None] + np.arange(1, PARTS) / PARTS) / cells
     found = np.empty(PARTS * cells + 1)

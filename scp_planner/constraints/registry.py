@@ -1,8 +1,3 @@
-"""Which constraints there are: each makes what a scenario asks for of it.
-
-To add one, write its file, with a subclass of `Constraint` and a function that makes it, and name that here.
-"""
-
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
@@ -42,7 +37,6 @@ CONSTRAINTS: dict[str, Maker] = {
     "total_acceleration": total_acceleration,
     "discs": discs,
 }
-"""What makes them, by what they are about."""
 
 
 def constraints_of(setup: Setup) -> tuple[Constraint, ...]:

@@ -14,24 +14,12 @@ KEYS = 10**9  # more than there are different rows of one constraint
 
 @dataclass(frozen=True)
 class Rows:
-    """Linearised constraints J z <= gap on a step z = (d theta, d beta, rho), see `Constraint`.
+    """Linearised constraints J z <= gap on a step z = (d theta, d beta, rho), see `Constraint`."""
 
-    Attributes
-    ----------
-    matrix : (m, n) array
-        J, over the free control points of the offset, those of the acceleration, and rho.
-    gap : (m,) array
-        What is left, in the constraint's own unit; negative where it is violated.
-    group : (m,) array of int
-        Index of the violation in the merit that the row belongs to.
-    key : (m,) array of int
-        What the row is about: the same from one linearisation to the next, for warm starts.
-    """
-
-    matrix: Array
-    gap: Array
-    group: Index
-    key: Index
+    matrix: Array  # (m, n) J, over the free control points of the offset, those of the acceleration, and rho
+    gap: Array  # (m,)
+    group: Index  # (m,) Index of the violation in the merit that the row belongs to
+    key: Index  # (m,)
 
     @classmethod
     def stack(cls, parts: Sequence[Rows], sizes: Sequence[int]) -> Rows:

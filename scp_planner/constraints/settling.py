@@ -1,5 +1,3 @@
-"""When a trip is nearest to what it passes, where a parabola over samples does not tell."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -21,13 +19,7 @@ SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a bracket, at which a round looks
 def settle_minima(
     zones: ZoneBatch, step: float, points: TripPoints, sample: Index, zone: Index, sigma: Array, least: Array
 ) -> None:
-    """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
-
-    Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
-    them: its minimum is bracketed, more and more closely, on a cubic between samples, and found by the secant at last.
-    Sigma, (m,), are the normalised times, and least, (m,) m, the distances at the samples that they lie next to; the
-    step, m, is the way from sample to sample at top speed.
-    """
+    """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero."""
     inside = (sample > 0) & (points.table.sigma[sample] < 1.0)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
     if zones.ground is not None:
@@ -56,7 +48,6 @@ def settle_minima(
 
 
 def _zero(zones: ZoneBatch, which: Index, course: _Course, below: Array, above: Array) -> Array:
-    """Where between two samples the rates of distances are zero, given those at the first and second, (m,)."""
     every = np.arange(len(which))
     low, width = np.zeros(len(which)), 1.0
     zone = np.tile(which, len(SHARES))
@@ -76,11 +67,7 @@ def _zero(zones: ZoneBatch, which: Index, course: _Course, below: Array, above: 
 
 @dataclass(frozen=True)
 class _Course:
-    """Ways from samples to the next ones: cubics that have the positions and velocities of the trip at both.
-
-    Begin and width are normalised times, (m,), time and duration the same in s; coefficients, (4, m, 2) m, are those of
-    the powers of the share of the way.
-    """
+    """Ways from samples to the next ones: cubics that have the positions and velocities of the trip at both."""
 
     begin: Array
     width: Array
@@ -109,7 +96,6 @@ class _Course:
 
 
 def _velocities(points: TripPoints, index: Index) -> Array:
-    """Of the vehicle at some points, (n, 2) m/s."""
     velocities: Array = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
     return velocities
 

@@ -1,5 +1,3 @@
-"""What constraints are made from."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -23,45 +21,24 @@ USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ni
 
 
 def kept_of_limits(settings: SceneSettings) -> float:
-    """How much is planned with of a limit that only some vehicles have, relative to it."""
     return 1.0 - settings.limit_margin - OPTIONAL_MARGIN
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A scenario's splines, limits, zones and end conditions in the planning frame.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    settings : SceneSettings
-    frame : PlanningFrame
-    space : TripSpace
-    ends : EndConditions
-    limits : Limits
-        With the planner's margin.
-    zones : ZoneBatch
-        Inflated by the vehicle's radius and the planner's margin.
-    box : Box
-    samples : TimeTable
-        Times at which zones are looked at: equidistant ones, then the breakpoints of the acceleration.
-    grid : int
-        How many of them are equidistant.
-    slow : tuple of Stretch
-        The speed limits by place, less the margins.
-    """
+    """A scenario's splines, limits, zones and end conditions in the planning frame."""
 
     scenario: Scenario
     settings: SceneSettings
     frame: PlanningFrame
     space: TripSpace
     ends: EndConditions
-    limits: Limits
-    zones: ZoneBatch
+    limits: Limits  # With the planner's margin
+    zones: ZoneBatch  # Inflated by the vehicle's radius and the planner's margin
     box: Box
-    samples: TimeTable
+    samples: TimeTable  # Times at which zones are looked at: equidistant ones, then the breakpoints of the acceleration
     grid: int
-    slow: tuple[Stretch, ...]
+    slow: tuple[Stretch, ...]  # The speed limits by place, less the margins
 
     @property
     def vehicle(self) -> Vehicle:
@@ -70,7 +47,6 @@ class Setup:
 
     @property
     def kept(self) -> float:
-        """How much is planned with of a limit that only some vehicles have, relative to it."""
         return kept_of_limits(self.settings)
 
     @property
@@ -90,7 +66,6 @@ class Setup:
 
     @cached_property
     def jumps(self) -> TimeTable:
-        """Those of the samples that are breakpoints of the acceleration."""
         return self.samples.take(slice(self.grid, None))
 
     @cached_property

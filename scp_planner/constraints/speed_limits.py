@@ -24,33 +24,17 @@ CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend 
 
 @dataclass(frozen=True)
 class _SpeedSites:
-    """Speeds in places.
+    """Speeds in places."""
 
-    Attributes
-    ----------
-    parameter, sigma, speed, acceleration : (n,) arrays
-        Normalised station and time, m/s, m/s^2.
-    limit : (n,) array
-        m/s; inf where there is none.
-    pieces : _OtherPieces
-        Of them, those that stand for other pieces of the acceleration.
-    """
-
-    parameter: Array
-    sigma: Array
-    speed: Array
-    acceleration: Array
-    limit: Array
+    parameter: Array  # (n,) Normalised station and time, m/s, m/s^2
+    sigma: Array  # (n,) Normalised station and time, m/s, m/s^2
+    speed: Array  # (n,) Normalised station and time, m/s, m/s^2
+    acceleration: Array  # (n,) Normalised station and time, m/s, m/s^2
+    limit: Array  # (n,) m/s; inf where there is none
     pieces: _OtherPieces
 
 
 class SpeedLimits(Constraint):
-    """How fast stretches of a line may be driven: excess v^2 / limit^2 - 1.
-
-    Looked at at the fixed stations, where the path crosses the borders of the stretches, and at the jumps of the
-    acceleration, where the speed peaks.
-    """
-
     name: ClassVar[str] = "speed_limits"
     near: ClassVar[float] = 0.6
 
@@ -100,7 +84,6 @@ class SpeedLimits(Constraint):
         return gradient / (sites.limit[index] ** 2)[:, None]
 
     def _gate_moves(self, path: Path, gates: Index, parameter: Array) -> Array:
-        """How far along the path a step of the offset moves its crossings of borders, (m, K1 free) m."""
         points, borders = path.points(parameter), self._borders.of(gates)
         places = zip(borders.stretches, points.position, borders.at, strict=True)
         tangent = np.array([part.line.across_border(place, at) for part, place, at in places]).reshape(-1, 2)
@@ -137,11 +120,7 @@ class SpeedLimits(Constraint):
         )
 
     def _gates(self, path: Path) -> tuple[Array, Array, Array]:
-        """Normalised stations at which the path first crosses each border, -1 if it does not; side; limit.
-
-        The side is that on which the acceleration counts: where the speed is a maximum of two pieces at a border
-        that the acceleration jumps at, before entering and after leaving.
-        """
+        """Normalised stations at which the path first crosses each border, -1 if it does not; side; limit."""
         along = self._borders.lines_at(path.station_positions)
         cells = (along[:, :-1] < self._borders.at[:, None]) & (along[:, 1:] >= self._borders.at[:, None])
         gates, stations = np.full(len(cells), -1.0), self.space.tables.station_parameters
@@ -157,32 +136,18 @@ class SpeedLimits(Constraint):
 
 @dataclass(frozen=True)
 class _OtherPieces:
-    """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays.
+    """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays."""
 
-    Attributes
-    ----------
-    speed, acceleration, limit : arrays
-        As in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven.
-    own, other : arrays of int
-        Number of the piece at the gate, and of that which is gone on with.
-    since : array
-        Normalised time since the jump between them; negative before it.
-    """
-
-    speed: Array
-    acceleration: Array
-    limit: Array
-    own: Index
-    other: Index
-    since: Array
+    speed: Array  # As in _SpeedSites
+    acceleration: Array  # As in _SpeedSites
+    limit: Array  # As in _SpeedSites
+    own: Index  # Number of the piece at the gate, and of that which is gone on with
+    other: Index  # Number of the piece at the gate, and of that which is gone on with
+    since: Array  # Normalised time since the jump between them; negative before it
 
     @classmethod
     def beside(cls, trajectory: Trajectory, sigma: Array, speed: Array, counted: Array, limit: Array) -> _OtherPieces:
-        """Return the piece before that at each gate, and the one after it, where the acceleration rises between them.
-
-        There the speed is the larger one of both pieces, gone on with: a step that moves a gate past the rise would
-        meet what a row of its own piece knows nothing of. It is below the speed itself, so it asks for nothing more.
-        """
+        """Return the piece before that at each gate, and the one after it."""
         basis, beta = trajectory.space.acceleration, trajectory.beta
         sigma, speed, limit = np.tile(sigma, 2), np.tile(speed, 2), np.tile(limit, 2)
         own = np.tile(basis.locate(counted)[0], 2)
@@ -202,11 +167,7 @@ class _OtherPieces:
 def squared_speed_gradient(
     setup: Setup, trajectory: Trajectory, parameter: Array, sigma: Array, v: Array, a: Array
 ) -> Array:
-    """Gradient of the squared speed, (m, step) m^2/s^2, at normalised stations and times, (m,), given v and a there.
-
-    d(v^2) = 2 v (C1 db / tau - (v - v0) rho) + 2 a (dS - C2 db - v0 sigma tau rho), regular also at v = 0. At fixed
-    normalised times the second part is left out: a = 0.
-    """
+    """Gradient of the squared speed, (m, step) m^2/s^2, at normalised stations and times, (m,), given v and a there."""
     space, tau = trajectory.space, trajectory.travel_time
     table, v0 = space.time_table(sigma), space.start_speed
     theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(parameter)
@@ -242,10 +203,7 @@ class _Borders:
 
 
 def _crossings(path: Path, borders: _Borders, cells: Array, along: Array) -> Array:
-    """Normalised stations at which a path first crosses borders, (n,), each upwards in a cell; -1 if it jumps past it.
-
-    Cells and along, (2, n), are the normalised stations at the ends of the cell of each, and m along its line there.
-    """
+    """Normalised stations at which a path first crosses borders, (n,), each upwards in a cell."""
     (low, high), (first, last) = cells, along
     slope = (last - first) / (high - low)
     guess = low + (borders.at - first) / slope
@@ -260,10 +218,6 @@ def _crossings(path: Path, borders: _Borders, cells: Array, along: Array) -> Arr
 
 
 def _jumps(path: Path, borders: _Borders, low: Array, high: Array) -> Array:
-    """The same inside of a bend of a line, where its stations jump over borders.
-
-    It is -1 where they jump over all of the stretch, and the path is never in it.
-    """
     every = np.arange(len(low))
     for _ in range(JUMP_STEPS):
         trials = np.linspace(low, high, JUMP_PARTS + 1, axis=1)

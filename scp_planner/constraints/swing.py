@@ -1,11 +1,3 @@
-"""How a disc on the axis of a long vehicle moves with the offset of the path.
-
-The centre of a disc o ahead of the reference point is q = r + o T, T the direction of the path. With n the guide's
-normal, k its curvature, p = 1 - k f, N the path's normal and kappa its curvature, at a fixed normalised time
-
-    dq = n B dtheta + T (dD - dS) + o N [(f' k B + p B') / |r'|^2 dtheta + kappa (dD - dS)].
-"""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -24,19 +16,9 @@ def disc_positions(path: PathPoints, offset: float | Array) -> Array:
 
 @dataclass(frozen=True)
 class Swing:
-    """How the centre of a disc moves with the offset of the path.
-
-    Attributes
-    ----------
-    across : (n, 2) array
-        The path's normal N.
-    value, slope : (n,) arrays
-        Derivatives of the direction of the path by f and f'.
-    """
-
-    across: Array
-    value: Array
-    slope: Array
+    across: Array  # (n, 2) The path's normal N
+    value: Array  # (n,) Derivatives of the direction of the path by f and f'
+    slope: Array  # (n,) Derivatives of the direction of the path by f and f'
 
     @classmethod
     def of(cls, points: PathPoints) -> Swing:

@@ -1,40 +1,4 @@
-"""Regions that keep their level without a model being right: conformal prediction, from errors actually made.
-
-Two tools, each with its guarantee, what it assumes, and its price.
-
-**Split conformal**, beforehand (`conformal_quantile`). With errors of n predictions that nothing was fitted to, the
-region that holds the ceil((n + 1) (1 - alpha))-th smallest of them holds the next error with a probability of at least
-1 - alpha, and at most 1 / (n + 1) more, whatever their distribution. It assumes that the next error could have stood at
-any place among them (exchangeable): other tracks from the same place, one error of each. Several errors of one track
-depend on each other; then the level holds nearly, and tracks are counted instead of errors. Its price: errors that are
-not used for fitting, and regions that are as large for the calm as for the restless.
-
-**Adaptive**, on the way (`AdaptiveScales`). The region is a quantile of the newest errors of all tracks, whose level
-follows what has come of the regions. After a miss it is raised by rate * (1 - alpha), after a hit lowered by
-rate * alpha: slowly for all tracks together, and faster for each track alone, whose level is never below that of all.
-So a restless track has larger regions than others; a calm one has not smaller ones, which its first manoeuvre would
-leave. What chance alone does is left out: levels of single tracks count from `SLACK` on, and regions stay as they are
-as long as that is right for a level within `BAND` of the one asked for. After T steps the share of misses of a track
-is no more than (1 + rate) / (rate T) above alpha, whatever moves
-and however, as long as no error is larger than `BEYOND` times the largest that is remembered, which is what a level of
-1 stands for. Its price: it is a promise in the long run and not for any one moment, what it learns of a horizon it
-learns that much later, and of those that are restless now and then fewer errors are outside than alpha.
-
-What is seen has an error of its own, of which a region of where things *are* must not be made up for. So an error is
-not compared with the region, but counts as the size that the region would have needed for the observation to be inside
-together with its noise (`region_score`). Where most of what is seen is noise, sizes hardly matter to that, and are
-known so little that nearly all are within the band.
-
-Regions that are too small do not become so many times as large, but larger by the same in every direction: what nobody
-foretold, such as a change of acceleration, adds to an error, however well the motion was known. A factor that is right
-for the calm would make the regions of those who are known to be restless, which are large already, fill the world.
-
-References
-----------
-V. Vovk, A. Gammerman, G. Shafer, *Algorithmic Learning in a Random World*, Springer (2005);
-I. Gibbs, E. Candes, *Adaptive conformal inference under distribution shift*, NeurIPS 34 (2021);
-A. Angelopoulos, E. Candes, R. Tibshirani, *Conformal PID control for time series prediction*, NeurIPS 36 (2023).
-"""
+"""Regions that keep their level without a model being right: conformal prediction, from errors actually made."""
 
 from __future__ import annotations
 
@@ -74,27 +38,7 @@ BEYOND = 2.0
 
 
 def conformal_quantile(scores: ArrayLike, alpha: float, groups: int | None = None) -> float:
-    """Give the score that the next one exceeds with a probability of at most alpha.
-
-    Parameters
-    ----------
-    scores : (n,)
-        Of predictions that nothing was fitted to, such as squared standardised errors.
-    alpha : float
-        Between 0 and 1.
-    groups : int, optional
-        How many independent tracks they are from; None: each is from its own.
-
-    Returns
-    -------
-    float
-        Infinite if they are too few for that alpha: the region has to be everything.
-
-    Raises
-    ------
-    EstimationError
-        If alpha is not between 0 and 1 or a score is not a number.
-    """
+    """Give the score that the next one exceeds with a probability of at most alpha."""
     if not 0.0 < alpha < 1.0:
         raise EstimationError(f"alpha: {alpha!r} is not between 0 and 1")
     ordered = np.sort(np.asarray(scores, dtype=float))
@@ -109,20 +53,7 @@ def conformal_quantile(scores: ArrayLike, alpha: float, groups: int | None = Non
 
 
 def factor_to_hold(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
-    """Give the least s >= 0 with z' (s C + R)^-1 z <= border: what regions of C need to hold z, seen with noise R.
-
-    Parameters
-    ----------
-    offset : (n, 2)
-        z, m.
-    covariance, noise : (n, 3)
-        Elements xx, xy, yy of C and R, m^2.
-    border : float
-
-    Returns
-    -------
-    (n,)
-    """
+    """Give the least s >= 0 with z' (s C + R)^-1 z <= border: what regions of C need to hold z, seen with noise R."""
     # Where C and R are both diagonal, with a ratio l each, and w of the length of z against R alone, the border is at
     # w1^2 (s l2 + 1) + w2^2 (s l1 + 1) = border (s l1 + 1) (s l2 + 1). The sums over both are invariants of the two.
     (x, y), (cxx, cxy, cyy), (rxx, rxy, ryy) = np.transpose(offset), np.transpose(covariance), np.transpose(noise)
@@ -140,20 +71,7 @@ def factor_to_hold(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, b
 
 
 def region_score(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
-    """Give what quantiles are of that regions of a covariance are sized by: above 1 outside, below 1 inside.
-
-    The region of size s is that of s C for s <= 1, and of C + (s - 1) I beyond, see the head of this module. The score
-    is the least size that holds what is seen, together with the noise: 0 where that is explained by the noise alone.
-
-    Parameters
-    ----------
-    offset, covariance, noise, border
-        As there; lengths are in the unit that I is in.
-
-    Returns
-    -------
-    (n,)
-    """
+    """Give what quantiles are of that regions of a covariance are sized by: above 1 outside, below 1 inside."""
     both = np.add(covariance, noise)
     inside = square_within(offset, both) <= border
     scores = np.empty(len(inside))
@@ -179,27 +97,7 @@ def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
 
 
 class AdaptiveScales:
-    """Scales of regions by track and horizon, which follow the misses of each.
-
-    Predictions of several kinds are told apart, as those of tracks that are believed and of others: each kind has
-    quantiles of its own, and as long as it has too few errors those of all.
-
-    Parameters
-    ----------
-    alpha : float
-        The share of misses that is aimed at, between 0 and 1.
-    horizons : int
-        H, how many horizons there are.
-    kinds : int
-        How many kinds of predictions there are.
-    rate : float
-        See RATE. Larger: faster, and scales that are never at rest.
-
-    Raises
-    ------
-    EstimationError
-        If alpha is not between 0 and 1, or the rate is not a positive number.
-    """
+    """Scales of regions by track and horizon, which follow the misses of each."""
 
     def __init__(self, alpha: float, horizons: int, kinds: int = 1, rate: float = RATE) -> None:
         if not 0.0 < alpha < 1.0:
@@ -216,7 +114,7 @@ class AdaptiveScales:
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""
         self.missed = np.zeros(horizons, dtype=np.intp)
-        """How many of them were outside, (H,)."""
+        """Errors of each horizon so far that were outside, (H,)."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -224,19 +122,7 @@ class AdaptiveScales:
         return tuple(self._rows)
 
     def scales(self, names: Sequence[str], kinds: Index | int = 0) -> Array:
-        """Give the sizes of tracks' regions.
-
-        Parameters
-        ----------
-        names : sequence of str
-            n tracks.
-        kinds : (n,) array or int
-            Of what is predicted of each.
-
-        Returns
-        -------
-        (n, H) array
-        """
+        """Give the sizes of tracks' regions."""
         which = [kinds] if isinstance(kinds, int) else sorted(set(kinds.tolist()))
         every = range(self.horizons)
         if not names or not any(self._known(k, horizon) is not None for k in which for horizon in every):
@@ -251,7 +137,7 @@ class AdaptiveScales:
         return sizes
 
     def _rows_of(self, names: Sequence[str]) -> Index:
-        """Where the levels of tracks are, (n,)."""
+        """Rows of the levels of tracks, (n,)."""
         new = [name for name in names if name not in self._rows]
         for name in new:
             if not self._free:
@@ -271,7 +157,7 @@ class AdaptiveScales:
         return every if every.count >= self._enough else None
 
     def _sizes(self, rows: Index, kind: int, horizons: range) -> Array:
-        """Of n tracks over some horizons, (n, h)."""
+        """Sizes of n tracks over some horizons, (n, h)."""
         level = np.minimum(self._every[kind], self._own[rows, kind] + SLACK * self.alpha)
         level = level[:, horizons.start : horizons.stop]
         levels = level * _BANDS
@@ -284,18 +170,7 @@ class AdaptiveScales:
         return np.asarray(found)
 
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
-        """Learn from errors of tracks over a horizon.
-
-        Parameters
-        ----------
-        horizon : int
-        names : sequence of str
-            Of n tracks, each once.
-        scores : (n,)
-            Of the regions before they are sized, as `region_score` gives them: 1 is on the border.
-        kinds : (n,) array or int
-            Of what was predicted of each.
-        """
+        """Learn from errors of tracks over a horizon."""
         found, kind = np.asarray(scores, dtype=float), np.broadcast_to(kinds, len(names))
         rows = self._rows_of(names)
         for k in sorted(set(kind.tolist())):
@@ -352,10 +227,7 @@ class _Newest:
 
 
 def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
-    """What the next error of each of h kinds exceeds with probabilities of alpha (n, h): (n, h); 1 of unknown ones.
-
-    All at once: one by one, most of the time would go into calls.
-    """
+    """Quantiles of the next error at probabilities 1 - alpha (n, h): (n, h); 1 where unknown."""
     known = [None if each is None else each.ranked for each in errors]
     counts = np.array([0 if each is None else len(each) for each in known])
     place = np.ceil((1.0 - alpha) * (counts + 1) - 1e-9 * counts)

@@ -1,7 +1,4 @@
-"""Linear systems driven by white noise: how one component of an obstacle's motion can change its mind.
-
-Formulas that lose digits by cancellation over short lags are replaced there by series or by quadrature.
-"""
+"""Linear systems driven by white noise: how one component of an obstacle's motion can change its mind."""
 
 from __future__ import annotations
 
@@ -30,32 +27,16 @@ _NODES = 10  # of Gauss' rule: exact to rounding for lags that short
 
 @dataclass(frozen=True)
 class StatePrior:
-    """How a state follows from position, velocity and perhaps acceleration.
+    """State from position, velocity and perhaps acceleration."""
 
-    Attributes
-    ----------
-    matrix : (d, n)
-        From those n to the expected state.
-    variance : (d,)
-        What each component's variance has besides, of its own.
-    """
-
-    matrix: Array
+    matrix: Array  # From those n to the expected state
     variance: Array
 
 
 class Dynamics(ABC):
-    """One component of a motion: position, velocity and what else the noise needs.
+    """One component of a motion: position, velocity and what else the noise needs."""
 
-    Attributes
-    ----------
-    states : int
-        d: position, velocity, ...
-    order : int
-        What the prediction keeps up: 1 the velocity, 2 the acceleration.
-    """
-
-    states: int
+    states: int  # d: position, velocity,
     order: int
 
     @abstractmethod
@@ -71,10 +52,7 @@ class Dynamics(ABC):
         """Covariance of all states but the position before anything was seen: (d, d), of the position 0."""
 
     def from_kinematics(self, known: int, velocity_variance: float) -> StatePrior:
-        """Begin with what somebody else knows: position, velocity and, if 3 are ``known``, acceleration.
-
-        What the state does not have is left out; what nobody knows of it is as beforehand.
-        """
+        """Begin with what somebody else knows: position, velocity and, if 3 are ``known``, acceleration."""
         variance = np.diag(self.prior(velocity_variance)).copy()
         variance[:known] = 0.0
         return StatePrior(np.eye(self.states, known), variance)

@@ -53,10 +53,7 @@ class NormalErrors(ErrorLaw):
         return math.sqrt(scale) / _ROOT_TWO_PI * math.exp(-0.5 * scale)
 
     def largest_root_exceedance(self, scale: float, regressors: int) -> float:
-        """Give the probability that the larger eigenvalue of a Wishart(I_2, p) matrix exceeds q.
-
-        The double integral over both eigenvalues reduces to incomplete gamma functions.
-        """
+        """Give the probability that the larger eigenvalue of a Wishart(I_2, p) matrix exceeds q."""
         from scipy.special import gammainc, gammaincc
 
         p, q = regressors, scale
@@ -69,15 +66,9 @@ class NormalErrors(ErrorLaw):
 
 @dataclass(frozen=True)
 class HotellingErrors(ErrorLaw):
-    """w(t) is standardised by an estimated covariance: Wishart with nu degrees of freedom, divided by nu.
+    """w(t) is standardised by an estimated covariance: Wishart with nu degrees of freedom, divided by nu."""
 
-    Attributes
-    ----------
-    degrees_of_freedom : float
-        nu >= 2.
-    """
-
-    degrees_of_freedom: float
+    degrees_of_freedom: float  # nu >= 2
 
     def __post_init__(self) -> None:
         if not self.degrees_of_freedom >= _FEWEST_DEGREES_OF_FREEDOM:
@@ -105,11 +96,7 @@ class HotellingErrors(ErrorLaw):
         return math.sqrt(2.0 * scale / nu) / _ROOT_TWO_PI * gammas * growth
 
     def largest_root_exceedance(self, scale: float, regressors: int) -> float:
-        """Give the probability that nu times Roy's largest root exceeds q.
-
-        The root is the larger one of H E^-1 with H ~ Wishart(I_2, p) and E ~ Wishart(I_2, nu); the double
-        integral over both roots reduces to incomplete beta functions.
-        """
+        """Give the probability that nu times Roy's largest root exceeds q."""
         from scipy.special import betainc, betaincc, betaln
 
         if regressors == 1:
@@ -123,18 +110,9 @@ class HotellingErrors(ErrorLaw):
 
 @dataclass(frozen=True)
 class StudentErrors(ErrorLaw):
-    """w(t) is standard normal times one common random factor, sqrt(nu / chi2_nu): a Student process.
+    """w(t) is standard normal times one common random factor, sqrt(nu / chi2_nu): a Student process."""
 
-    That is the law if the covariance is known but for one scale which is estimated, and it is the model of
-    heavy tails that fitted motion models use.
-
-    Attributes
-    ----------
-    degrees_of_freedom : float
-        nu > 0.
-    """
-
-    degrees_of_freedom: float
+    degrees_of_freedom: float  # nu > 0
 
     def __post_init__(self) -> None:
         if not self.degrees_of_freedom > 0.0:

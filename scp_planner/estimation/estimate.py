@@ -1,21 +1,4 @@
-"""Maximum likelihood of an obstacle's motion from noisy observations of its position.
-
-The true centre moves along eta(t) = sum_k c_k t^k, k = 0..order (2: constant acceleration, 1: constant
-velocity, 0: standing). Observation i is eta(t_i) + e_i with independent e_i ~ N(0, Sigma_i). Then maximum
-likelihood is weighted least squares, unbiased and normal, and the covariance C(t) of the estimated centre is
-a polynomial in t of degree 2 * order:
-
-- one Sigma for all observations: C(t) = h(t) Sigma with h(t) = x_t' (X'X)^-1 x_t, x_t = (1, t, t^2). If Sigma
-  is not given, it is estimated without bias by S = E'E / (n - p), E the residuals and p = order + 1;
-- a Sigma for each observation: the 2 p coefficients are estimated together, and C(t) has the general form.
-
-C(t) is about the true centre; a new noisy observation would scatter by C(t) + Sigma. Times are centred and
-scaled before solving, so that a clock of 1e9 s loses nothing.
-
-The model and the estimate are those of A. Z. Zambom and B. Seguin, *Fastest motion planning for an unmanned
-vehicle in the presence of accelerating obstacles*, Comp. Appl. Math. 40, 119 (2021), whose acceleration is 2
-W.
-"""
+"""Maximum likelihood of an obstacle's motion from noisy observations of its position."""
 
 from __future__ import annotations
 
@@ -119,18 +102,7 @@ def estimate_obstacle(obstacle: Obstacle) -> MotionEstimate:
 
 
 def given_prior(given: Prior | None) -> MotionPrior | None:
-    """Turn the prior of a scenario into numbers; what it leaves open has no finite deviation.
-
-    Parameters
-    ----------
-    given : Prior or None
-        In m and s.
-
-    Returns
-    -------
-    MotionPrior or None
-        None if none is given.
-    """
+    """Turn the prior of a scenario into numbers; what it leaves open has no finite deviation."""
     if given is None:
         return None
     velocity, acceleration = given.velocity_deviation, given.acceleration_deviation

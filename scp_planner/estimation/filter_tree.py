@@ -1,9 +1,4 @@
-"""What Kalman filters come to after many observations of each obstacle, without going through them one by one.
-
-Stretches of a history are put together two by two, all of them at once, until one is left: of n observations in about
-log2 n rounds (Särkkä and García-Fernández, Temporal Parallelization of Bayesian Smoothers, IEEE Transactions on
-Automatic Control 66, 2021). The result is that of the filter, but for rounding.
-"""
+"""Kalman filters over many observations of each obstacle, in logarithmically many steps."""
 
 from __future__ import annotations
 
@@ -20,20 +15,9 @@ MOST_AT_ONCE = 4096  # observations of all histories: what is kept of each at a 
 
 @dataclass(frozen=True)
 class _Stretches:
-    """What N stretches of each of K histories make of the state x before them, which has s components.
+    """Linear maps of N segments of each of K histories, acting on the state x of s components before them."""
 
-    Attributes
-    ----------
-    forward : (N, K, s, s)
-        The state after a stretch is normal, its mean ``forward @ x + mean``.
-    mean : (N, K, s)
-    covariance : (N, K, s, s)
-    pull, information : (N, K, s) and (N, K, s, s)
-        What is seen in a stretch says of the state before it: its likelihood is that of a normal x with this
-        information matrix, and with the mean ``information^-1 @ pull``.
-    """
-
-    forward: Array
+    forward: Array  # The state after a stretch is normal, its mean ``forward @ x + mean``
     mean: Array
     covariance: Array
     pull: Array
@@ -59,23 +43,7 @@ class _Stretches:
 
 
 def state_after(dynamics: Dynamics, first: FilterState, times: Array, positions: Array, noise: Array) -> FilterState:
-    """Return what is known of obstacles after many observations of each.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-    first : FilterState
-        Of K obstacles, before them.
-    times : (n, K) s
-        Not decreasing, and not before those of the first state.
-    positions : (n, K, 2) m
-    noise : (n, K, 2, 2) m^2
-
-    Returns
-    -------
-    FilterState
-        As of the last observations.
-    """
+    """Return what is known of obstacles after many observations of each."""
     d, count = dynamics.states, times.shape[1]
     known = first.mean.reshape(1, count, 2 * d), first.covariance[None]
     lags = np.diff(times, axis=0, prepend=first.times[None])

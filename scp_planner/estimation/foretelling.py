@@ -1,4 +1,4 @@
-"""What many motions will be asked for over one span of time, computed at once for all that are of one kind."""
+"""Predictions of many motions over one span of time, all of one kind at once."""
 
 from __future__ import annotations
 
@@ -10,18 +10,7 @@ from scp_planner.estimation.process_estimate import ProcessEstimate, spans_of
 
 
 def foretell(estimates: Iterable[MotionEstimate], start: float, span: float) -> None:
-    """Compute what zones of several motions are made from, and have the estimates keep it.
-
-    What each of them gives is the same as without this, but for rounding, and takes no time any more.
-
-    Parameters
-    ----------
-    estimates : iterable of MotionEstimate
-    start : float
-        From which on they are asked for, or from their earliest time on if that is later, s.
-    span : float
-        For how long, s.
-    """
+    """Compute what zones of several motions are made from, and have the estimates keep it."""
     alike: dict[tuple[float, Hashable], list[MotionEstimate]] = {}
     for one in estimates:
         alike.setdefault((max(start, one.earliest), _kind(one)), []).append(one)
@@ -31,7 +20,7 @@ def foretell(estimates: Iterable[MotionEstimate], start: float, span: float) -> 
 
 
 def _kind(one: MotionEstimate) -> Hashable:
-    """What motions must have in common to be computed together."""
+    """Key of motions that can be computed together."""
     if isinstance(one, ProcessEstimate):
         return one.dynamics, one.tails, one.reference_time
     if isinstance(one, PolynomialEstimate):

@@ -1,9 +1,4 @@
-"""A Kalman filter of many obstacles at once, each at its own times.
-
-Each component of the position is the first state of a linear system driven by white noise (`Dynamics`); the
-two components are independent but for the observation noise. The filter begins at the first observation, with
-a normal prior of the velocity, and is exact for any spacing of the times.
-"""
+"""A Kalman filter of many obstacles at once, each at its own times."""
 
 from __future__ import annotations
 
@@ -18,20 +13,10 @@ from scp_planner.estimation.dynamics import Dynamics
 
 @dataclass
 class FilterState:
-    """What a Kalman filter knows of N obstacles.
-
-    Attributes
-    ----------
-    times : (N,) s
-        Of the last observation of each.
-    mean : (N, d, 2)
-        Expected states; the last axis is x and y.
-    covariance : (N, 2 d, 2 d)
-        Of the states in the order position x, position y, velocity x, ...
-    """
+    """State of a Kalman filter for N obstacles."""
 
     times: Array
-    mean: Array
+    mean: Array  # Expected states; the last axis is x and y
     covariance: Array
 
     def copy(self) -> FilterState:

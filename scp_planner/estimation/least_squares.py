@@ -17,19 +17,17 @@ from scp_planner.estimation.observations import CheckedObservations
 LEAST_NOISE = 1e-6
 """Least standard deviation of a noise that is estimated, relative to how far the observed positions are apart."""
 LAST_DIGITS = 8.0 * np.finfo(float).eps
-"""The same relative to their coordinates."""
 LEAST_RATIO = 1e-2
 """Least ratio of the standard deviations of a noise that is estimated, of the smaller one to the larger one."""
 
 
 class Noise(StrEnum):
-    """What is known of a noise covariance that is to be estimated."""
+    """Structure of a noise covariance that is to be estimated."""
 
     GENERAL = "general"
     """Nothing: any covariance."""
     ISOTROPIC = "isotropic"
-    """It is a multiple of the identity. One number is estimated from 2 (n - p) residuals: few observations
-    give much smaller regions."""
+    """A multiple of the identity."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class MotionPrior:
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """What is to be estimated, apart from the observations."""
+    """An estimation problem apart from its observations."""
 
     order: int
     prior: MotionPrior | None
@@ -184,18 +182,8 @@ def _common_fit(rows: Array, z: Array, weights: Array | None) -> tuple[Array, Ar
 
 @dataclass(frozen=True)
 class Extent:
-    """How large the observed positions are, by which the noise that residuals show is told from rounding.
-
-    Attributes
-    ----------
-    square : float
-        Weighted sum of their squared distances from the origin, m^2.
-    origin : (2,) array
-        One of them, m.
-    """
-
-    square: float
-    origin: Array
+    square: float  # Weighted sum of their squared distances from the origin, m^2
+    origin: Array  # (2,) One of them, m
 
     def least_variance(self, count: float) -> float:
         """Smallest variance that can be estimated from so many observations, m^2."""
@@ -204,11 +192,7 @@ class Extent:
 
 
 def estimated_noise(scatter: Array, moments: Moments, noise: Noise, extent: Extent) -> tuple[Array, ErrorLaw]:
-    """Estimate the noise covariance from E'WE, the scatter of the residuals; tell the law of the errors.
-
-    Residuals of exact positions are rounding, or lie on a line: no variance is smaller than the extent of the motion
-    and the largest variance allow, so that nothing that is derived from the covariance divides by rounding.
-    """
+    """Estimate the noise covariance from E'WE, the scatter of the residuals; tell the law of the errors."""
     if not extent.square > 0.0:
         raise EstimationError(
             "observations.position: they lie exactly on a motion, at one place, so that their covariance cannot be"

@@ -1,9 +1,4 @@
-"""What is known of an obstacle's motion: where its centre is expected at any time, and how uncertain that is.
-
-`MotionEstimate` is the interface that zones are made from, whichever model the motion follows.
-`PolynomialEstimate` is a standing obstacle, one of constant velocity or one of constant acceleration; models
-with process noise are in `scp_planner.estimation.process_estimate`.
-"""
+"""Estimated motion of an obstacle: expected centre and its covariance at any time."""
 
 from __future__ import annotations
 
@@ -30,31 +25,13 @@ _ROUND = 1e-9  # relative difference of two eigenvalues below which they count a
 
 @dataclass(frozen=True)
 class MotionPolynomials:
-    """The estimated centre and its covariance over a span of time, as piecewise polynomials.
+    """The estimated centre and its covariance over a span of time, as piecewise polynomials."""
 
-    Piece i holds for ``breakpoints[i] <= t <= breakpoints[i + 1]`` in powers of ``t - breakpoints[i]``.
-
-    Attributes
-    ----------
-    breakpoints : (S + 1,) s
-        Increasing.
-    center : (S, n, 2) m/s^k
-        Coefficient of power k of the estimated centre.
-    covariance : (S, m, 3) m^2/s^k
-        Coefficient of power k of the entries xx, xy, yy of the covariance of the estimated centre, not scaled
-        by any confidence level.
-    center_error : float, m
-        Bound on the distance from `MotionEstimate.position`; 0 where the polynomials are exact.
-    covariance_error : float
-        Bound on the relative excess over `MotionEstimate.covariance`, which this covariance is never below; 0
-        where exact.
-    """
-
-    breakpoints: Array
-    center: Array
-    covariance: Array
-    center_error: float = 0.0
-    covariance_error: float = 0.0
+    breakpoints: Array  # Increasing
+    center: Array  # Coefficient of power k of the estimated centre
+    covariance: Array  # Coefficient of power k of the entries xx, xy, yy of the covariance of the estimated centre
+    center_error: float = 0.0  # Bound on the distance from `MotionEstimate.position`; 0 where the polynomials are exact
+    covariance_error: float = 0.0  # Bound on the relative excess over `MotionEstimate.covariance`
 
 
 class MotionEstimate(ABC):
@@ -86,7 +63,7 @@ class MotionEstimate(ABC):
 
     @property
     def degrees_of_freedom(self) -> float | None:
-        """Of the estimated noise covariance, a number; None if it is known."""
+        """Degrees of freedom of the estimated noise covariance, a number; None if the covariance is known."""
         return self.errors.degrees_of_freedom if isinstance(self.errors, HotellingErrors) else None
 
     @property
@@ -118,7 +95,7 @@ class MotionEstimate(ABC):
 
     @abstractmethod
     def standardised_length(self, start: float, stop: float) -> float:
-        """How much the standardised error moves over [start, stop]: what a region's scale depends on.
+        """Path length of the standardised error over [start, stop], a number: a region's scale depends on it.
 
         With w(t) = C(t)^-1/2 e(t), and Lambda(t) the covariance of dw/dt given w(t), it is the integral over
         time of E[(u' Lambda u)^1/2], u uniform on the unit circle. If C(t) = h(t) Sigma, it is the length of
@@ -128,18 +105,7 @@ class MotionEstimate(ABC):
 
 @dataclass(frozen=True)
 class PolynomialEstimate(MotionEstimate):
-    """An estimated polynomial motion, in powers of s = (t - ``center_time``) / ``time_scale``.
-
-    Attributes
-    ----------
-    center_time, time_scale : float, s
-    coefficients : (p, 2) m
-        Of the powers of s; p = order + 1.
-    coefficient_covariance : (p, 2, p, 2) m^2
-        Covariance of their errors.
-    rejected : tuple of int
-        Observations, by their place in the input, that were left out: missing, repeated or gated.
-    """
+    """An estimated polynomial motion, in powers of s = (t - ``center_time``) / ``time_scale``."""
 
     reference_time: float
     order: int
@@ -150,8 +116,8 @@ class PolynomialEstimate(MotionEstimate):
     center_time: float
     time_scale: float
     coefficients: Array
-    coefficient_covariance: Array
-    rejected: tuple[int, ...] = ()
+    coefficient_covariance: Array  # Covariance of their errors
+    rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
     _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
     _known: dict[tuple[float, float], MotionPolynomials] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -177,22 +143,7 @@ class PolynomialEstimate(MotionEstimate):
         return np.einsum("...j,jakb,...k->...ab", rows, self.coefficient_covariance, rows)
 
     def with_manoeuvre(self, deviation: float) -> PolynomialEstimate:
-        """Allow for a change of the acceleration that begins with the last observation.
-
-        Its components are normal, independent of the errors of the estimate, and last; so they add
-        ``deviation**2 (t - reference_time)**4 / 4`` to the variance of the position at a time t. For noise that is not
-        the same in all directions they are taken in proportion to it, the smallest with the deviation given: then the
-        error stays one of a regression.
-
-        Parameters
-        ----------
-        deviation : float
-            Standard deviation of a component, m/s^2; 0: no change.
-
-        Returns
-        -------
-        PolynomialEstimate
-        """
+        """Allow for a change of the acceleration that begins with the last observation."""
         if deviation == 0.0:
             return self
         last, p = (self.reference_time - self.center_time) / self.time_scale, 3
@@ -229,7 +180,7 @@ class PolynomialEstimate(MotionEstimate):
         return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
 
     def standardised_length(self, start: float = -math.inf, stop: float = math.inf) -> float:
-        """How much the standardised error moves over [start, stop], which may be infinite."""
+        """Path length of the standardised error over [start, stop], which may be infinite."""
         if not start <= stop:
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if self.order == 0 or start == stop:
@@ -252,10 +203,7 @@ class PolynomialEstimate(MotionEstimate):
 
 
 def lengths_together(estimates: Sequence[PolynomialEstimate], start: float, stop: float) -> Array:
-    """Standardised lengths of polynomial motions of one order, in powers of the same times: (n,).
-
-    Either all of them are regressions, or none is.
-    """
+    """Standardised lengths of polynomial motions of one order, in powers of the same times: (n,)."""
     first = estimates[0]
     order, of_regressions = first.order, first.regressors is not None
     covariance = np.stack([one.coefficient_covariance for one in estimates])
@@ -280,19 +228,7 @@ def row_products(rows: Array, slopes: Array) -> Array:
 
 
 def error_blocks(products: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Covariances of errors, of them with their rates, and of these, where rows and slopes give both from states.
-
-    Parameters
-    ----------
-    products : (3 L, p p) array
-        By `row_products`.
-    covariance : (n, p, 2, p, 2) array
-        Of the states.
-
-    Returns
-    -------
-    three arrays (n, L, 2, 2)
-    """
+    """Covariances of errors, of them with their rates, and of these, where rows and slopes give both from states."""
     states = covariance.transpose(0, 1, 3, 2, 4).reshape(len(covariance), -1, 4)
     blocks = (products @ states).reshape(len(covariance), 3, -1, 2, 2)
     return blocks[:, 0], blocks[:, 1], blocks[:, 2]
@@ -320,29 +256,14 @@ def _sums_of_powers(count: int) -> Array:
 
 
 def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
-    """Covariance (2, 2), m^2/s^4, of a change of acceleration: in proportion to the noise (2, 2), m^2.
-
-    The smallest of its standard deviations is the one given, m/s^2.
-    """
+    """Covariance (2, 2), m^2/s^4, of a change of acceleration: in proportion to the noise (2, 2), m^2."""
     mean, half = 0.5 * (noise[0, 0] + noise[1, 1]), 0.5 * (noise[0, 0] - noise[1, 1])
     least = float(mean - math.hypot(float(half), float(noise[0, 1])))
     return np.asarray(deviation**2 / least * noise)
 
 
 def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
-    """Give E[(u' Lambda u)^1/2], with Lambda the covariance of the standardised error's rate given the error.
-
-    u is uniform on the unit circle; see `MotionEstimate.standardised_length`.
-
-    Parameters
-    ----------
-    error, cross, rate : (..., 2, 2)
-        Covariance of the error e, of e with its derivative, and of its derivative.
-
-    Returns
-    -------
-    (...), per unit of what the derivative is with respect to
-    """
+    """Give E[(u' Lambda u)^1/2], with Lambda the covariance of the standardised error's rate given the error."""
     # Lambda = L^-1 (rate - cross' error^-1 cross) L^-T with Cholesky's factor L = ((a, 0), (b, c)) of the error,
     # written out: calls of LAPACK for so many matrices of two rows cost three times as much.
     a = np.sqrt(error[..., 0, 0])

@@ -1,7 +1,4 @@
-"""Motions with process noise: Kalman filters of many obstacles, used like a recursive estimator of polynomial motions.
-
-The filter itself is in `scp_planner.estimation.kalman`, what it predicts in `scp_planner.estimation.process_estimate`.
-"""
+"""Motions with process noise."""
 
 from __future__ import annotations
 
@@ -33,21 +30,7 @@ FEW = 64  # observations of a history, that are taken in one by one; more are pu
 
 
 class MotionFilter:
-    """Kalman filters of K obstacles that follow one model, used like a `RecursiveEstimator`.
-
-    Parameters
-    ----------
-    model : ProcessModel
-    obstacles : int
-        K.
-    covariance : (2, 2) or (K, 2, 2) m^2, or None
-        Of one observation; None: it comes with each observation, or is the model's own.
-    gate_probability : float, optional
-        An observation is left out if, by what was seen before, the probability to see something as far away
-        or farther is less.
-    missing : Faulty
-        What to do with a position that is not finite: refuse it, or take it for not seen.
-    """
+    """Kalman filters of K obstacles that follow one model, used like a `RecursiveEstimator`."""
 
     def __init__(
         self,
@@ -77,16 +60,16 @@ class MotionFilter:
         self._noise_sum = np.zeros((obstacles, 2, 2))
         self._rejected = np.zeros(obstacles, dtype=np.intp)
         self.log_likelihood = np.zeros(obstacles)
-        """Of all observations of each obstacle but the first: (K,)."""
+        """Log-likelihood of each obstacle's observations but the first, (K,)."""
 
     @property
     def observations(self) -> Index:
-        """How many observations each estimate is made from: (K,)."""
+        """Number of observations of each estimate, (K,)."""
         return self._count.copy()
 
     @property
     def rejected_in_a_row(self) -> Index:
-        """How many of the newest observations of each obstacle the gate left out: (K,)."""
+        """Number of the newest observations of each obstacle that the gate left out, (K,)."""
         return self._rejected.copy()
 
     def copy(self) -> MotionFilter:
@@ -109,27 +92,7 @@ class MotionFilter:
         covariance: ArrayLike | None = None,
         seen: ArrayLike | None = None,
     ) -> Mask:
-        """Take in at most one observation of each obstacle, none of them before its last one.
-
-        Parameters
-        ----------
-        times : float or (K,) s
-        positions : (K, 2) m
-        covariance : (2, 2) or (K, 2, 2) m^2, optional
-            Of these observations.
-        seen : (K,) bool, optional
-            Which obstacles were seen. Times and positions of the others are not looked at.
-
-        Returns
-        -------
-        (K,) bool
-            Which observations were used.
-
-        Raises
-        ------
-        EstimationError
-            Naming the obstacle and what is wrong; then nothing has been changed.
-        """
+        """Take in at most one observation of each obstacle, none of them before its last one."""
         count = len(self._count)
         t = np.broadcast_to(np.asarray(times, dtype=float), (count,))
         z = np.asarray(positions, dtype=float)
@@ -152,16 +115,7 @@ class MotionFilter:
         return used
 
     def take_in(self, times: Array, positions: Array, noise: Array) -> None:
-        """Take in many observations of each obstacle at once, after its first one; none of them is gated.
-
-        Parameters
-        ----------
-        times : (n, K) s
-            In order, and checked, as positions and noise are.
-        positions : (n, K, 2) m
-        noise : (n, K, 2, 2) m^2
-            Covariances.
-        """
+        """Take in many observations of each obstacle at once, after its first one; none of them is gated."""
         self._state = state_after(self._dynamics, self._state, times, positions, noise)
         self._newest = positions[-1].copy()
         self._noise_sum += noise.sum(axis=0)
@@ -223,28 +177,7 @@ def estimate_process(
     covariance: ArrayLike | None = None,
     screening: Screening | None = None,
 ) -> ProcessEstimate:
-    """Estimate a motion with process noise from observations, in any order of time.
-
-    Parameters
-    ----------
-    times : (n,) s
-    positions : (n, 2) m
-    model : ProcessModel
-    covariance : (2, 2) or (n, 2, 2) m^2, or None
-        Of one observation, common or for each; None: the model's own.
-    screening : Screening, optional
-        As in `scp_planner.estimation.estimate.estimate_motion`; outliers can be kept or gated, each by what was seen
-        before it.
-
-    Returns
-    -------
-    ProcessEstimate
-
-    Raises
-    ------
-    EstimationError
-        Naming what is wrong with the observations.
-    """
+    """Estimate a motion with process noise from observations, in any order of time."""
     screening = screening or Screening()
     if screening.outliers is Outliers.HUBER:
         raise EstimationError("outliers: a motion with process noise can keep or gate them, not weigh them")

@@ -1,18 +1,4 @@
-"""Fit a motion with process noise to recorded tracks.
-
-First the parameters by maximum likelihood: the filter's innovations are independent and normal with
-covariances that the parameters give, so their densities multiply to the likelihood.
-
-Then the tails: real obstacles are mostly calm, and sometimes turn or stop. From every stretch of ``window``
-positions of every track the filter predicts, and the squared standardised errors at each lead time are fitted
-by a Student distribution. Only the outer tenth of them counts, by a likelihood that is censored below: what a
-region needs is the tail, and the calm majority says nothing about it.
-
-A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So the tails are
-moved outwards by as much as their own error asks for: that is found by a jackknife over groups of tracks, as errors
-within a track are not independent. The model keeps one number of degrees of freedom for all lead times, so that its
-error is one Student process in time, and an inflation of the covariance for each lead time, right at the 95 % level.
-"""
+"""Fit a motion with process noise to recorded tracks."""
 
 from __future__ import annotations
 
@@ -129,58 +115,30 @@ def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
 
 @dataclass(frozen=True)
 class PredictionErrors:
-    """Errors of predictions for one lead time.
-
-    Attributes
-    ----------
-    lead_time : float, s
-    squares : (m,)
-        Squared errors, standardised by the covariance that the model gives without its tails.
-    distances : (m,) m
-        Their lengths.
-    deviations : (m,) m
-        Square root of the covariance's mean diagonal entry: the radius of a region is about this times
-        sqrt(q).
-    tracks, stretches : (m,) int
-        Which track and which stretch each is from.
-    """
+    """Errors of predictions for one lead time."""
 
     lead_time: float
-    squares: Array
-    distances: Array
-    deviations: Array
+    squares: Array  # Squared errors, standardised by the covariance that the model gives without its tails
+    distances: Array  # Their lengths
+    deviations: Array  # Square root of the covariance's mean diagonal entry
     tracks: Index
     stretches: Index
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Positions that predictions are made from.
-
-    Attributes
-    ----------
-    times, positions : (N, window) s and (N, window, 2) m
-    tracks : (N,)
-        Place of the track that each is from.
-    """
+    """Positions that predictions are made from."""
 
     times: Array
     positions: Array
-    tracks: Index
+    tracks: Index  # Place of the track that each is from
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Positions that are predicted for one lead time.
+    """Positions that are predicted for one lead time."""
 
-    Attributes
-    ----------
-    stretches : (M,)
-        From which stretch each is predicted.
-    times, positions : (M,) s and (M, 2) m
-    """
-
-    stretches: Index
+    stretches: Index  # From which stretch each is predicted
     times: Array
     positions: Array
 
@@ -223,11 +181,7 @@ def _targets(tracks: Sequence[Track], firsts: Index, window: int, lead_time: flo
 def prediction_errors(
     tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = LEAD_TIMES
 ) -> list[PredictionErrors]:
-    """Predict from every stretch of ``window`` positions of every track, and compare with what came.
-
-    A lead time counts where the track has a position within half of the usual time step of it; the
-    prediction is for the time of that position.
-    """
+    """Predict from every stretch of ``window`` positions of every track, and compare with what came."""
     stretches, targets = stretches_of(tracks, window, lead_times)
     if not len(stretches.times):
         raise EstimationError(
@@ -278,26 +232,7 @@ def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
 
 
 def conformal_tails(errors: Sequence[PredictionErrors], tails: Tails | None, alpha: float) -> Tails:
-    """Inflate covariances so that a region of one level is split-conformal at each lead time.
-
-    Parameters
-    ----------
-    errors : sequence of PredictionErrors
-        Of tracks that nothing was fitted to.
-    tails : Tails or None
-        Whose shape is kept; None: nearly normal.
-    alpha : float
-        1 - level.
-
-    Returns
-    -------
-    Tails
-
-    Raises
-    ------
-    EstimationError
-        If there are too few tracks for that level, at every lead time.
-    """
+    """Inflate covariances so that a region of one level is split-conformal at each lead time."""
     degrees = _DEGREES[1] if tails is None else tails.degrees_of_freedom
     scale = StudentErrors(degrees).pointwise_scale(alpha)
     found = [(e.lead_time, conformal_quantile(e.squares, alpha, len(np.unique(e.tracks)))) for e in errors]
@@ -368,19 +303,7 @@ def _noise(model: ProcessModel, count: int) -> Array:
 
 
 def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
-    """Say which parameters of a fit to tracks ended at their bounds, so that the tracks say nothing more of them.
-
-    Parameters
-    ----------
-    tracks : Tracks
-        That it was fitted to.
-    model : ProcessModel
-
-    Returns
-    -------
-    list of str
-        A sentence each; none where the tracks decide all parameters.
-    """
+    """Say which parameters of a fit to tracks ended at their bounds, so that the tracks say nothing more of them."""
     process = model.process.model_dump(exclude={"kind", "deviation"})
     if model.process.kind == "singer":
         process["diffusion"] = 2.0 * model.process.deviation**2 * model.process.time_constant
@@ -436,12 +359,7 @@ def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel
 
 
 def _tail_quantiles(errors: PredictionErrors) -> Array:
-    """Give the squares that the next tracks' errors exceed with each of `_LEVELS`, the fit's own error counted in.
-
-    The logarithm of a fitted quantile has a standard deviation tau, by a jackknife over groups of tracks. Where the
-    fitted chance P(q) falls as q^-e, a quantile that is off by a normal factor exp(tau z) is exceeded
-    exp(e^2 tau^2 / 2) times as often on average; so the quantile for a chance that much smaller is taken.
-    """
+    """Give the squares that the next tracks' errors exceed with each of `_LEVELS`, the fit's own error counted in."""
     best = _censored_fit(errors.squares, np.log([1.0, 6.0]))
     places = np.unique(errors.tracks, return_inverse=True)[1]
     groups = places * _GROUPS // (places.max() + 1)  # of neighbours: people who walk together are in one
@@ -459,11 +377,7 @@ def _tail_quantiles(errors: PredictionErrors) -> Array:
 
 
 def _censored_fit(squares: Array, start: Array) -> Array:
-    """Fit a Student distribution to the outer `TAIL_SHARE` of the squared errors: log inflation, log degrees.
-
-    Of the others only their number counts. The squared length of a Student vector in the plane exceeds s with
-    probability (1 + s / (nu a))^(-nu / 2), a the inflation.
-    """
+    """Fit a Student distribution to the outer `TAIL_SHARE` of the squared errors: log inflation, log degrees."""
     from scipy.optimize import minimize
 
     threshold = float(np.quantile(squares, 1.0 - TAIL_SHARE))

@@ -1,9 +1,4 @@
-"""Observations of one obstacle, checked before anything is believed of them.
-
-What is wrong is refused by default, with an error that names it. What a sensor is known to do can be allowed
-for instead, by choice: rows that are missing or came twice are left out, and outliers are left out or given
-less weight (`scp_planner.estimation.estimate`). Rows may come in any order; they are sorted by time.
-"""
+"""Observations of one obstacle, checked before anything is believed of them."""
 
 from __future__ import annotations
 
@@ -20,14 +15,14 @@ from scp_planner.settings.knobs import word_of
 
 
 class Faulty(StrEnum):
-    """What to do with a row that is not a number, or that is there twice."""
+    """Treatment of a row that is not a number, or that is there twice."""
 
     REFUSE = "refuse"
     DROP = "drop"
 
 
 class Outliers(StrEnum):
-    """What to do about positions that do not fit the motion."""
+    """Treatment of positions that do not fit the motion."""
 
     KEEP = "keep"
     """Believe all of them."""
@@ -39,24 +34,12 @@ class Outliers(StrEnum):
 
 @dataclass(frozen=True)
 class Screening:
-    """What may be wrong with the observations, and what to do about it.
+    """Possible faults of observations, and their treatment."""
 
-    Attributes
-    ----------
-    missing : Faulty
-        Rows with a NaN or an infinity, as a sensor writes for a dropout.
-    repeated : Faulty
-        Rows equal to an earlier one in time and position. Two different positions at one time are two
-        observations.
-    outliers : Outliers
-    gate_probability : float
-        Greatest probability that gating leaves out anything at all if nothing is wrong.
-    """
-
-    missing: Faulty = Faulty.REFUSE
-    repeated: Faulty = Faulty.REFUSE
+    missing: Faulty = Faulty.REFUSE  # Rows with a NaN or an infinity, as a sensor writes for a dropout
+    repeated: Faulty = Faulty.REFUSE  # Rows equal to an earlier one in time and position
     outliers: Outliers = Outliers.KEEP
-    gate_probability: float = 0.01
+    gate_probability: float = 0.01  # Greatest probability that gating leaves out anything at all if nothing is wrong
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "missing", word_of(Faulty, self.missing, "missing"))
@@ -68,48 +51,19 @@ class Screening:
 
 @dataclass(frozen=True)
 class CheckedObservations:
-    """Finite observations in order of time.
-
-    Attributes
-    ----------
-    times : (n,) s, not decreasing
-    positions : (n, 2) m
-    covariance : (2, 2) or (n, 2, 2) m^2, or None
-    rows : (n,)
-        Place of each in the input.
-    rejected : tuple of int
-        Places in the input of what was left out.
-    """
+    """Finite observations in order of time."""
 
     times: Array
     positions: Array
     covariance: Array | None
-    rows: Index
-    rejected: tuple[int, ...]
+    rows: Index  # Place of each in the input
+    rejected: tuple[int, ...]  # Places in the input of what was left out
 
 
 def check_observations(
     times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None, screening: Screening
 ) -> CheckedObservations:
-    """Check and sort observations.
-
-    Parameters
-    ----------
-    times : (n,) s
-    positions : (n, 2) m
-    covariance : (2, 2) or (n, 2, 2) m^2, or None
-    screening : Screening
-
-    Returns
-    -------
-    CheckedObservations
-        In order of time.
-
-    Raises
-    ------
-    EstimationError
-        Naming the first thing that is wrong.
-    """
+    """Check and sort observations."""
     t, z = _numbers(times, "time"), _numbers(positions, "position")
     if t.ndim != 1 or z.shape != (len(t), 2):
         raise EstimationError(f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)")
@@ -154,28 +108,7 @@ def usable(
     *,
     in_order: bool,
 ) -> Mask:
-    """Tell which new observations of K obstacles, at most one of each, can be used.
-
-    Parameters
-    ----------
-    times, positions : (K,) s and (K, 2) m
-    seen : (K,) bool, or None for all
-    missing : Faulty
-        What to do with what is not finite.
-    last_times, last_positions : (K,) s and (K, 2) m
-        Of the latest observation so far; one that is equal to it is refused.
-    in_order : bool
-        Refuse observations before the latest one.
-
-    Returns
-    -------
-    (K,) array of bool
-
-    Raises
-    ------
-    EstimationError
-        If an observation that is not finite, comes twice or is late is to be refused.
-    """
+    """Tell which new observations of K obstacles, at most one of each, can be used."""
     finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
     wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
     used: Mask = wanted & finite

@@ -1,8 +1,4 @@
-"""What is predicted of a motion with process noise, with the interface of every motion estimate.
-
-From the last observation on it is a Gaussian process, smooth enough that its velocity exists, so regions that hold
-over a span of time are found as for polynomial motions (`scp_planner.estimation.confidence`).
-"""
+"""Prediction of a motion with process noise, with the interface of every motion estimate."""
 
 from __future__ import annotations
 
@@ -27,28 +23,16 @@ _PAST = 1e-9  # units of time; times this little before the last observation are
 
 @dataclass(frozen=True)
 class ProcessEstimate(MotionEstimate):
-    """A motion with process noise, predicted from the last observation on.
-
-    Attributes
-    ----------
-    dynamics : Dynamics
-    mean : (d, 2)
-        Expected state at the reference time.
-    state_covariance : (2 d, 2 d)
-        Of the state, in the order position x, position y, velocity x, ...
-    tails : Tails or None
-    rejected : tuple of int
-        Observations, by their place in the input, that were left out.
-    """
+    """A motion with process noise, predicted from the last observation on."""
 
     reference_time: float
     observations: int
     noise_covariance: Array
     dynamics: Dynamics
-    mean: Array
+    mean: Array  # Expected state at the reference time
     state_covariance: Array
     tails: Tails | None = None
-    rejected: tuple[int, ...] = ()
+    rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
     _known: dict[tuple[float, float], MotionPolynomials] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -58,7 +42,7 @@ class ProcessEstimate(MotionEstimate):
 
     @property
     def order(self) -> int:  # type: ignore[override]
-        """What the prediction keeps up: 1 the velocity, 2 the acceleration."""
+        """Order of the predicted motion: 1 keeps the velocity, 2 the acceleration."""
         return self.dynamics.order
 
     @property
@@ -105,7 +89,7 @@ class ProcessEstimate(MotionEstimate):
         return self._spans.pieces(first, last)[0]
 
     def standardised_length(self, start: float, stop: float) -> float:
-        """How much the standardised error moves over [start, stop], which must be finite."""
+        """Path length of the standardised error over [start, stop], which must be finite."""
         if not start <= stop:
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if not math.isfinite(stop):

@@ -1,8 +1,4 @@
-"""Motions with process noise over a span of time: the same computation for one of them or for many at once.
-
-What depends on the model and on lead times alone is the same for all obstacles that are seen at the same times, and
-mostly so from look to look: it is kept.
-"""
+"""Motions with process noise over a span of time: the same computation for one of them or for many at once."""
 
 from __future__ import annotations
 
@@ -45,24 +41,12 @@ _XX, _XY, _YY = 0, 1, 2  # entries of covariances
 
 @dataclass(frozen=True)
 class ProcessSpans:
-    """Motions of one model with process noise, predicted from one time on, to be given over spans of time.
-
-    Attributes
-    ----------
-    dynamics : Dynamics
-    tails : Tails or None
-    reference_time : float
-        s.
-    mean : (n, d, 2)
-        Expected states at the reference time.
-    covariance : (n, 2 d, 2 d)
-        Of the states, in the order position x, position y, velocity x, ...
-    """
+    """Motions of one model with process noise, predicted from one time on, to be given over spans of time."""
 
     dynamics: Dynamics
     tails: Tails | None
-    reference_time: float
-    mean: Array
+    reference_time: float  # s
+    mean: Array  # Expected states at the reference time
     covariance: Array
 
     def of(self, some: Sequence[int] | Index) -> ProcessSpans:
@@ -76,18 +60,7 @@ class ProcessSpans:
         return np.asarray(np.interp(lead, self.tails.lead_time, self.tails.inflation))
 
     def rates(self, lead: Array) -> tuple[Array, Array, Array]:
-        """Covariances of the errors, of them with their rates, and of these, all before inflation.
-
-        Parameters
-        ----------
-        lead : (L,) array
-            Lead times, s.
-
-        Returns
-        -------
-        three arrays (n, L, 2, 2)
-            m^2, m^2/s and m^2/s^2.
-        """
+        """Covariances of the errors, of them with their rates, and of these, all before inflation."""
         d = self.dynamics.states
         products, noise = _rate_products(self.dynamics, lead.tobytes())
         blocks = error_blocks(products, self.covariance.reshape(-1, d, 2, d, 2))
@@ -96,7 +69,7 @@ class ProcessSpans:
         return blocks
 
     def lengths(self, first: float, last: float) -> Array:
-        """How much each standardised error moves between two lead times, s: (n,)."""
+        """Path length of each standardised error between two lead times in s, (n,)."""
         found = np.zeros(len(self.mean))
         if first == last:
             return found
@@ -181,7 +154,7 @@ def _halved(single: ProcessSpans, leads: Array, missed: Mask) -> MotionPolynomia
 
 @lru_cache(maxsize=_KEPT)
 def _rate_products(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
-    """How pairs of states become covariances of position and velocity, (3 L, d d), and their noise, (3, L)."""
+    """Maps from pairs of states to covariances of position and velocity, (3 L, d d), and noise, (3, L)."""
     lead = np.frombuffer(leads)
     f, q = dynamics.transition(lead), dynamics.process_noise(lead)
     return row_products(f[:, 0], f[:, 1]), np.stack([q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]])
@@ -189,7 +162,7 @@ def _rate_products(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=_KEPT)
 def _position_responses(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array, Array, Array]:
-    """How states become positions, (S K, d), and pairs of them, (S K, d d), the noise (S, K), and lead times, s."""
+    """Maps from states to positions, (S K, d), and from pairs of them, (S K, d d), noise (S, K), lead times, s."""
     ends = np.frombuffer(leads)
     lead = ends[:-1, None] + np.diff(ends)[:, None] * np.concatenate([_NODES, _BETWEEN])
     response = dynamics.transition(lead)[..., 0, :].reshape(lead.size, -1)

@@ -1,11 +1,4 @@
-"""Estimates that are updated with each observation, in time that does not grow with their number.
-
-`RecursiveEstimator` holds, for many obstacles at once, the square root of the information matrix: a
-triangular R and a right-hand side d with R c = d for the estimated coefficients c. A new observation is one
-more row, rotated into R by Givens rotations, plain array arithmetic over all obstacles. That is the QR
-factorisation of the batch estimate made one row at a time, and it agrees with it to rounding, where normal
-equations would lose half of the digits.
-"""
+"""Estimates that are updated with each observation, in time that does not grow with their number."""
 
 from __future__ import annotations
 
@@ -31,78 +24,36 @@ _MEMORIES = 2.0
 
 @dataclass(frozen=True)
 class SquareRoots:
-    """Square roots of the information about K motions: R c = d for the coefficients c of powers of t - center.
+    """Square roots of the information about K motions: R c = d for the coefficients c of powers of t - center."""
 
-    Attributes
-    ----------
-    factor : (K, m, m)
-        R, triangular.
-    right : (K, m, sides)
-        d, m; relative to the origins.
-    center : (K,) s
-    origin : (K, 2) m
-    first, last : (K,) s
-        Times of the first and the last observation.
-    """
-
-    factor: Array
-    right: Array
+    factor: Array  # R, triangular
+    right: Array  # d, m; relative to the origins
     center: Array
     origin: Array
-    first: Array
-    last: Array
+    first: Array  # Times of the first and the last observation
+    last: Array  # Times of the first and the last observation
 
     def of(self, some: Index) -> SquareRoots:
-        """Those of some of the motions."""
+        """Select some of the motions."""
         # Contiguous: so an estimate has the same bits beside others as alone.
         return SquareRoots(**{name: np.ascontiguousarray(value[some]) for name, value in vars(self).items()})
 
     @classmethod
     def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
-        """Those of several, one after the other."""
+        """Concatenate."""
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """What new observations of K obstacles differ by from what is expected of them.
+    """Differences of new observations of K obstacles from their predictions."""
 
-    Attributes
-    ----------
-    scaled : (2, K) m
-        The difference times ``share``; with the covariance of an observation. 0 where nothing could be expected.
-    share : (K,)
-        Deviation of an observation over that of the difference, which the estimate adds to; 0 where nothing could be
-        expected, 1 where there was no observation.
-    """
-
-    scaled: Array
-    share: Array
+    scaled: Array  # The difference times ``share``; with the covariance of an observation
+    share: Array  # Deviation of an observation over that of the difference, which the estimate adds to
 
 
 class RecursiveEstimator:
-    """Polynomial motions of K obstacles, each updated in O(1) by each of its observations.
-
-    Observations may come in any order, but with ``forgetting`` < 1 in that of their times.
-
-    Parameters
-    ----------
-    obstacles : int
-        K.
-    order : 0, 1 or 2
-        As in `estimate_motion`.
-    covariance : (2, 2) or (K, 2, 2) m^2, or None
-        Of one observation, for all or for each obstacle; None: estimated from the residuals, or ``varying``.
-    varying : bool
-        Each observation comes with a covariance of its own.
-    forgetting : float
-        As in `estimate_motion`.
-    gate_probability : float, optional
-        An observation is left out if, by the estimate so far, the probability to see something as far away or
-        farther is less. There is no gate while the estimate has no covariance yet.
-    missing : Faulty
-        What to do with a position that is not finite: refuse it, or take it for not seen.
-    """
+    """Polynomial motions of K obstacles, each updated in O(1) by each of its observations."""
 
     def __init__(
         self,
@@ -149,20 +100,17 @@ class RecursiveEstimator:
 
     @property
     def observations(self) -> Index:
-        """How many observations each estimate is made from: (K,)."""
+        """Number of observations of each estimate, (K,)."""
         return self._count.copy()
 
     @property
     def rejected_in_a_row(self) -> Index:
-        """How many of the newest observations of each obstacle the gate left out: (K,).
-
-        Several mean that the obstacle moves otherwise than estimated, not that the sensor fails: `reset` it.
-        """
+        """Number of the newest observations of each obstacle that the gate left out, (K,)."""
         return self._rejected.copy()
 
     @property
     def roots(self) -> SquareRoots:
-        """What the estimates are made from, for those who make many of them at once."""
+        """Square roots from which many estimates are made at once."""
         m = self._unknowns
         return SquareRoots(
             self._factor[:, :m].transpose(2, 0, 1),
@@ -175,7 +123,7 @@ class RecursiveEstimator:
 
     @property
     def innovations(self) -> Innovations:
-        """What the observations of the last update differed by from what was expected; not of covariances that vary."""
+        """Innovations of the last update; none for covariances that vary."""
         return Innovations(self._left, self._shrunk)
 
     def grow(self, obstacles: int) -> None:
@@ -215,27 +163,7 @@ class RecursiveEstimator:
         covariance: ArrayLike | None = None,
         seen: ArrayLike | None = None,
     ) -> Mask:
-        """Take in at most one observation of each obstacle.
-
-        Parameters
-        ----------
-        times : float or (K,) s
-        positions : (K, 2) m
-        covariance : (2, 2) or (K, 2, 2) m^2
-            Of these observations if it varies, else not given.
-        seen : (K,) bool, optional
-            Which obstacles were seen. Times and positions of the others are not looked at.
-
-        Returns
-        -------
-        (K,) bool
-            Which observations were used.
-
-        Raises
-        ------
-        EstimationError
-            Naming the obstacle and what is wrong; then nothing has been changed.
-        """
+        """Take in at most one observation of each obstacle."""
         count = len(self._count)
         t = np.broadcast_to(np.asarray(times, dtype=float), (count,))
         z = np.asarray(positions, dtype=float)
@@ -276,16 +204,7 @@ class RecursiveEstimator:
         return used
 
     def update_row(self, some: slice, times: Array, positions: Array) -> None:
-        """Take in the newest observation each of obstacles in a row, which nothing is wrong with: `update` unchecked.
-
-        Parameters
-        ----------
-        some : slice
-            The n obstacles; nothing of them is forgotten, and their covariances do not vary.
-        times : (n,) s
-            None before the last one of its obstacle.
-        positions : (n, 2) m
-        """
+        """Take in the newest observation each of obstacles in a row, which nothing is wrong with."""
         new = self._count[some] == 0
         if new.any():
             np.copyto(self._center[some], times, where=new)

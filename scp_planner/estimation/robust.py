@@ -24,25 +24,8 @@ _FEWEST_DEGREES = 2  # to judge an observation by the others with a general cova
 
 
 def gated(problem: MotionProblem, seen: CheckedObservations, probability: float) -> PolynomialEstimate:
-    """Leave out the observations that the others call improbable.
-
-    The least probable one is taken out, again and again, up to a third of all. Then all those up to the last
-    that was improbable, given what was left, are left out and the rest comes back: outliers that hide each
-    other are found so (B. Rosner, Technometrics 25, 1983, with Bonferroni's bound for the least of n chances
-    and for the rounds).
-
-    Parameters
-    ----------
-    problem : MotionProblem
-    seen : CheckedObservations
-    probability : float
-        Of leaving out anything if nothing is wrong, at most.
-
-    Returns
-    -------
-    PolynomialEstimate
-        Of those that are left.
-    """
+    """Leave out the observations that the others call improbable."""
+    # Rosner, Technometrics 25, 1983, with Bonferroni's bound for the least of n chances and for the rounds).
     fits = [fit_motion(problem, seen)]
     improbable = 0
     spare = len(seen.times) - problem.order - 1 - (0 if seen.covariance is not None else _FEWEST_DEGREES)
@@ -74,12 +57,7 @@ def _without(seen: CheckedObservations, place: int) -> CheckedObservations:
 
 
 def huber(problem: MotionProblem, seen: CheckedObservations) -> PolynomialEstimate:
-    """Weigh observations beyond `HUBER_DISTANCE` down until the weights and the fit agree.
-
-    The covariance is that of plain least squares times the asymptotic factor of the M-estimator, computed
-    from the residuals and never taken below its value for normal noise. A covariance that is to be estimated
-    is Huber's M-estimate, made consistent for normal noise.
-    """
+    """Weigh observations beyond `HUBER_DISTANCE` down until the weights and the fit agree."""
     plain = fit_motion(problem, seen)
     forgotten = problem.forgetting ** np.arange(len(plain.rows) - 1, -1, -1.0)
     degrees = len(plain.rows) - problem.order - 1

@@ -18,23 +18,7 @@ AT_ONCE = 4096  # observations that are taken in together
 
 
 def estimate_together(obstacles: Sequence[Obstacle], go_on: GoOn | None = None) -> list[MotionEstimate]:
-    """Estimate the motions of obstacles of a scenario, from their ``observations`` or ``estimate``.
-
-    They are those of `scp_planner.estimation.estimate.estimate_obstacle`, but for rounding. What a scenario has checked
-    already is not checked again.
-
-    Parameters
-    ----------
-    obstacles : sequence of Obstacle
-        None of them has a motion that is given.
-    go_on : callable, optional
-        Is called now and then, and may raise an error to end it all.
-
-    Returns
-    -------
-    list of MotionEstimate
-        In order.
-    """
+    """Estimate the motions of obstacles of a scenario, from their ``observations`` or ``estimate``."""
     found: dict[int, MotionEstimate] = {}
     alike: dict[tuple[ProcessModel, int], list[int]] = {}
     single = []
@@ -68,7 +52,7 @@ def _in_parts(
 
 
 def _filtered(model: ProcessModel, records: Sequence[Observations], go_on: GoOn | None) -> MotionFilter:
-    """What is known after all observations of obstacles that follow one model: few of each, or as many of each."""
+    """Filter states after all observations of obstacles that follow one model."""
     counts = np.array([len(record.time) for record in records])
     longest = int(counts.max())
     times, positions = np.zeros((longest, len(records))), np.zeros((longest, len(records), 2))

@@ -26,14 +26,7 @@ _SUFFIXES = (".csv", ".txt", _XML)
 
 @dataclass(frozen=True)
 class Track:
-    """Positions of one obstacle in order of time.
-
-    Attributes
-    ----------
-    id : str
-    times : (n,) s, increasing
-    positions : (n, 2) m
-    """
+    """Positions of one obstacle in order of time."""
 
     id: str
     times: Array
@@ -74,7 +67,7 @@ class _TrackPoint:
 
 @dataclass(frozen=True)
 class _Format:
-    """Which columns hold what."""
+    """Columns of a file."""
 
     id: str | None
     time: str

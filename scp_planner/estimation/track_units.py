@@ -15,19 +15,7 @@ _BITS = 8  # a unit is 1, or 2^8 as large or small, and so on: how often people 
 
 
 def unit_of(name: str, tracks: Tracks) -> float:
-    """Return the unit of a parameter of motion models in which it is near 1.
-
-    Parameters
-    ----------
-    name : str
-        ``time_constant``, ``noise_deviation``, ``velocity_deviation`` or ``diffusion``.
-    tracks : Tracks
-
-    Returns
-    -------
-    float
-        In SI, a power of two.
-    """
+    """Return the unit of a parameter of motion models in which it is near 1."""
     length, time = _coarse(step_lengths(tracks), _STEP), _coarse(_intervals(tracks), _INTERVAL)
     units = {
         "time_constant": time,
@@ -39,22 +27,7 @@ def unit_of(name: str, tracks: Tracks) -> float:
 
 
 def usual_parameters(tracks: Tracks) -> dict[str, float]:
-    """Return parameters of motion models, of which those that fit tracks are near.
-
-    The likelihood has several maxima, and from a start the nearest is found. So the start is taken from the tracks:
-    their speed; velocities that last for longer than a step, and less long than a track; changes that keep that speed
-    up; and a little noise.
-
-    Parameters
-    ----------
-    tracks : Tracks
-        One at least with more than one position.
-
-    Returns
-    -------
-    dict of str to float
-        By the names of `unit_of`, in SI; 0 where nothing moves.
-    """
+    """Return parameters of motion models, of which those that fit tracks are near."""
     steps, lags = step_lengths(tracks), _intervals(tracks)
     speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
     durations = [np.ptp(track.times) for track in tracks if len(track) > 1]

@@ -1,10 +1,4 @@
-"""The motion of an obstacle from what a tracker says of it.
-
-The state and its covariance are taken as they are; the obstacle's model says what comes of them. A polynomial of an
-order goes on with what the state has: the error of the position t later is that of x + t v + t^2 a / 2, its covariance
-T P T' with T = [1, t, t^2 / 2]. A model with process noise starts from the state as if its own filter had come to it;
-components that it has and the tracker has not are what the model says of them beforehand (`Dynamics.from_kinematics`).
-"""
+"""The motion of an obstacle from what a tracker says of it."""
 
 from __future__ import annotations
 
@@ -19,18 +13,7 @@ from scp_planner.scenario.models import Model
 
 
 def tracked_motion(given: Estimate, model: Model) -> MotionEstimate:
-    """Go on from what a tracker says.
-
-    Parameters
-    ----------
-    given : Estimate
-    model : Model
-        Of a polynomial no more is kept up than the state has: without an acceleration the velocity.
-
-    Returns
-    -------
-    MotionEstimate
-    """
+    """Go on from what a tracker says."""
     state = [given.position, given.velocity, *([] if given.acceleration is None else [given.acceleration])]
     mean, covariance = np.array(state), np.array(given.covariance)
     covariance = 0.5 * (covariance + covariance.T)

@@ -1,19 +1,4 @@
-"""How far a vehicle is from where its plan has it: a tube that is calibrated from recorded drives.
-
-The error grows with the speed and with how hard the vehicle turns, so the tube has the radius
-
-    scale (standing + per_speed v + per_lateral v^2 |kappa|),
-
-v the planned speed and kappa the planned curvature. Its form is a least-squares fit to every other drive, with no
-negative part; its scale is split-conformal (`scp_planner.estimation.conformal`): of the drives that nothing was fitted
-to, each counts once, with the largest ratio of its error to the form. So a whole new drive stays inside of the tube
-with at least the probability asked for, if it could have stood at any place among the recorded ones: the same vehicle,
-load, controller and ground. It says nothing of speeds and turns that were not recorded, and refuses to.
-
-The tube increases in v and in v^2 |kappa|, so its value at the largest of both bounds it over a whole trip: `bound`
-gives that of all that a vehicle may do, as one number for ``OnlineSettings.tracking_error``. ``certify`` takes the tube
-itself: then each piece of a trip has the room that its own speed and its own turns need.
-"""
+"""Tube round the planned position, calibrated from recorded drives."""
 
 from __future__ import annotations
 
@@ -33,7 +18,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.units import NaturalUnits
 
 LEAST_FORM = 0.01
-"""Of the mean error: what the form is at least, so that no error is infinitely many times as large."""
+"""Least value of the form, relative to the mean error."""
 ROUNDING = 1e-9
 """Relative: by so much more than was recorded is not refused."""
 
@@ -236,5 +221,5 @@ def fit_tracking_tube(records: Sequence[TrackingRecord], probability: float = 0.
 
 
 def _columns(record: TrackingRecord) -> Array:
-    """What the parts of the form are multiplied by, (n, 3)."""
+    """Factors of the form's parts, (n, 3)."""
     return np.stack([np.ones_like(record.speed), record.speed, record.lateral], axis=1)

@@ -1,15 +1,4 @@
-"""Recorded tracks: where people, cars and cyclists really went, read from files and turned into scenarios.
-
-Formats are told apart by their first line, XML by the end of its name:
-
-- CSV with the header ``id,time,x,y`` (in any order, other columns are ignored), in s and m;
-- ``obsmat`` text files of pedestrians (frame, id, x, z, y, vx, vz, vy), one row of each person every 0.4 s:
-  the step in frames is detected. Data of ETH, HOTEL and UNIV: S. Pellegrini et al., ICCV 2009, and A. Lerner
-  et al., 2007;
-- CSV of the DUT data set (``id,frame,label,x_est,y_est,...``, 23.98 frames per second; D. Yang et al., 2019);
-- CSV of single cyclists of the VRU data set (``,timestamp,x,y``), one file a track;
-- XML of CommonRoad: the trajectories of its moving obstacles, which are recorded ones in scenarios cut from NGSIM.
-"""
+"""Recorded tracks: where people, cars and cyclists really went, read from files and turned into scenarios."""
 
 from __future__ import annotations
 
@@ -60,7 +49,7 @@ class Tracks(Sequence[Track]):
 
     @property
     def observations(self) -> int:
-        """How many positions there are in all."""
+        """Number of positions in all tracks."""
         return sum(len(track) for track in self._tracks)
 
     def of(self, name: str) -> Track:

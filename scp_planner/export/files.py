@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run
 
 EXPORT_SUFFIXES = (*TABLE_SUFFIXES, MCAP_SUFFIX)
-"""Of files; a name without suffix is the folder of a bag."""
+"""Suffixes of files; a name without one is the folder of a bag."""
 
 
 def export(subject: Plan | Run, path: str | PathLike[str], **options: Any) -> None:

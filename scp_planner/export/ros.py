@@ -1,10 +1,4 @@
-"""Plans and runs as messages of the Robot Operating System, ROS 2, in MCAP files and bags.
-
-Nothing of ROS need be installed: the package `rosbags` (the extra `ros`) knows the messages and the files. The frame
-is that of the scenario, x and y in m, z = 0; orientations are the heading, as quaternions about z.
-
-The stamp of a message is the plan's absolute time plus an epoch, in nanoseconds.
-"""
+"""Plans and runs as messages of the Robot Operating System, ROS 2, in MCAP files and bags."""
 
 from __future__ import annotations
 
@@ -40,7 +34,7 @@ LATEST_SECOND = 2**31 - 1
 """ROS counts seconds in 32 bits."""
 
 BAG_VERSION: Final = 8
-"""Of the bag's metadata: what releases from Iron on know."""
+"""Version of the bag's metadata, known to releases from Iron on."""
 
 RATE_STEP = 1e-4
 """Half the span, in parts of the trip, over which the turning rate is differentiated."""
@@ -48,22 +42,12 @@ RATE_STEP = 1e-4
 
 @dataclass(frozen=True)
 class StampedMessage:
-    """A message, and where and when it was sent.
+    """A message, and where and when it was sent."""
 
-    Attributes
-    ----------
-    topic, kind : str
-        Such as ``/plan/path`` and ``nav_msgs/msg/Path``.
-    stamp : int
-        ns.
-    message : object
-        With the attributes that the kind has in ROS.
-    """
-
-    topic: str
-    kind: str
-    stamp: int
-    message: Any
+    topic: str  # Such as ``/plan/path`` and ``nav_msgs/msg/Path``
+    kind: str  # Such as ``/plan/path`` and ``nav_msgs/msg/Path``
+    stamp: int  # ns
+    message: Any  # With the attributes that the kind has in ROS
 
 
 def plan_messages(

@@ -1,8 +1,4 @@
-"""Plans and runs as tables: columns of equal length, each with its unit in its name.
-
-A table is a dictionary of arrays, so that `pandas.DataFrame(table)` takes it as it is, and what `save_table` writes
-is read by `pandas.read_csv(path)` and by `numpy.load(path)`.
-"""
+"""Plans and runs as tables: columns of equal length, each with its unit in its name."""
 
 from __future__ import annotations
 

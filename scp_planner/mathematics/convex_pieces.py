@@ -12,19 +12,8 @@ from scp_planner.mathematics.outlines import Outline
 
 @lru_cache(maxsize=256)
 def convex_pieces(polygon: tuple[tuple[float, float], ...]) -> tuple[Outline, ...]:
-    """Split a simple polygon into convex pieces: ears are cut off, then pieces joined while they stay convex.
-
-    Joining in this way leaves at most four times as few pieces as possible (Hertel and Mehlhorn, 1983).
-
-    Parameters
-    ----------
-    polygon : tuple of (x, y)
-        Vertices in either direction, m.
-
-    Returns
-    -------
-    tuple of Outline
-    """
+    """Split a simple polygon into convex pieces: ears are cut off, then pieces joined while they stay convex."""
+    # Joining in this way leaves at most four times as few pieces as possible (Hertel and Mehlhorn, 1983).
     whole = Outline.polygon(polygon)
     vertices = whole.vertices
     assert vertices is not None, "it is a polygon"

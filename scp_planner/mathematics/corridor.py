@@ -1,11 +1,4 @@
-"""The outside of a corridor, as obstacles that stand: convex polygons that cover it.
-
-A corridor is the union of convex polygons P_1, ..., P_k; a point is outside if for each P_i it is beyond one of its
-edges. So the outside is the union, over all choices of one edge of each, of the intersections of the half planes beyond
-them, which are convex. They overlap: none has a border that is not one of the corridor's, but where it ends.
-
-It is kept up to a distance from the corridor: what drives continuously does not come to lie beyond a wall.
-"""
+"""The outside of a corridor, as obstacles that stand: convex polygons that cover it."""
 
 from __future__ import annotations
 
@@ -38,20 +31,7 @@ Edge = tuple[planar.Point, planar.Point]
 
 
 def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
-    """Return convex polygons that cover what lies outside the union of convex polygons, as far as a wall is thick.
-
-    Parameters
-    ----------
-    polygons : sequence of polygons
-        Convex, in either direction, m.
-    wall : float
-        m.
-
-    Returns
-    -------
-    list of polygons
-        Convex, m.
-    """
+    """Return convex polygons that cover what lies outside the union of convex polygons, as far as a wall is thick."""
     rings = [planar.anticlockwise(polygon) for polygon in polygons]
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
     left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
@@ -95,10 +75,7 @@ def outlines_from(place: planar.Point, polygons: tuple[Polygon, ...]) -> tuple[O
 
 
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
-    """Return points of a polyline in a corridor between start and goal; none where the straight line lies in it.
-
-    It goes through as few polygons as possible, by the middles of what each has in common with the next.
-    """
+    """Return points of a polyline in a corridor between start and goal; none where the straight line lies in it."""
     rings = [planar.anticlockwise(polygon) for polygon in polygons]
     if not _leaves(rings, start, goal):
         return ()
@@ -145,7 +122,7 @@ def connected(polygons: Sequence[Polygon], some: set[int]) -> set[int]:
 
 
 def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> bool:
-    """Whether a straight line leaves the union of convex polygons."""
+    """True if a straight line leaves the union of convex polygons."""
     parts = []
     for ring in rings:
         first, last = 0.0, 1.0
@@ -181,14 +158,7 @@ def _beyond(piece: Polygon, cut: Sequence[Edge], thin: float, count: int) -> lis
 
 
 class _Ring:
-    """A convex polygon, anticlockwise, that cuts others.
-
-    Parameters
-    ----------
-    polygon : polygon
-    near : float
-        m; what is farther from a line is on its side, whatever the rounding.
-    """
+    """A convex polygon, anticlockwise, that cuts others."""
 
     def __init__(self, polygon: Polygon, near: float) -> None:
         self.edges = planar.edges(polygon)
@@ -199,10 +169,7 @@ class _Ring:
         self._near = near
 
     def cuts(self, pieces: Sequence[Polygon]) -> list[list[Edge] | None]:
-        """Of each of some convex polygons, the edges that it is not clearly on the inner side of.
-
-        None if it is clearly beyond one of them, or this one is beyond one of its own edges.
-        """
+        """Edges that each of some convex polygons is not clearly on the inner side of."""
         if not pieces:
             return []
         corners = np.array([corner for piece in pieces for corner in piece])
@@ -265,7 +232,6 @@ class _Piece:
 
     @cached_property
     def edges(self) -> list[Edge]:
-        """Its edges."""
         return planar.edges(self.polygon)
 
     @property
@@ -274,7 +240,7 @@ class _Piece:
         return (-self.left, self.right, -self.low, self.high)
 
     def is_thin(self, width: float) -> bool:
-        """Whether it fits between two lines so far apart: it has half the area of a box along its diameter, or more."""
+        """True if it fits between two lines so far apart: it has half the area of a box along its diameter, or more."""
         return 2.0 * self.area <= width * max(self.right - self.left, self.high - self.low)
 
     @classmethod
@@ -290,16 +256,13 @@ def _boxes(polygons: Sequence[Polygon]) -> Array:
 
 
 def _meet(boxes: Array, box: Array | tuple[float, ...]) -> Mask:
-    """Which of some boxes have a point in common with another one."""
+    """Boxes that have a point in common with another one."""
     met: Mask = (boxes + np.array(box)[[1, 0, 3, 2]] >= 0.0).all(axis=1)
     return met
 
 
 def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], thin: float) -> list[_Piece]:
-    """Those of new pieces that lie in no other one, neither of these nor of others, whose boxes are (n, 4).
-
-    They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
-    """
+    """New pieces that lie in no other one, new or old; the boxes of the old are (n, 4)."""
     new = sorted(new, key=lambda one: one.area, reverse=True)
     own = np.array([piece.box for piece in new]).reshape(-1, 4)
     chosen: list[int] = []
@@ -317,7 +280,7 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], thin: float)
 
 
 def _within(some: Array, boxes: Array, near: float) -> Mask:
-    """Which boxes, (n, 4), hold each of some others, (m, 4), to rounding: (m, n)."""
+    """Boxes, (n, 4), that hold each of some others, (m, 4), to rounding: (m, n)."""
     held = np.ones((len(some), len(boxes)), dtype=bool)
     for side in range(4):
         held &= some[:, side, None] - boxes[:, side] <= near
@@ -325,7 +288,7 @@ def _within(some: Array, boxes: Array, near: float) -> Mask:
 
 
 def _lies_in(piece: Polygon, edges: Sequence[Edge], thin: float) -> bool:
-    """Whether a convex polygon lies in another one to rounding, given the edges of that."""
+    """True if a convex polygon lies in another one to rounding, given the edges of that."""
     for (left, low), (right, high) in edges:
         along, up = right - left, high - low
         tolerance = -thin * math.hypot(along, up)

@@ -14,10 +14,7 @@ LEAD = 1.0  # units of time; the first and the last piece go on for ever
 
 
 def course_polynomials(times: ArrayLike, positions: ArrayLike) -> PiecewisePolynomials:
-    """Return the natural cubic spline through positions (n, 2) m at times (n,) s.
-
-    Its second derivative is zero at its ends: so the motion goes straight on there without a jump of its acceleration.
-    """
+    """Return the natural cubic spline through positions (n, 2) m at times (n,) s."""
     from scipy.interpolate import CubicSpline
 
     clock, place = np.array(times), np.array(positions)
@@ -32,11 +29,7 @@ def course_polynomials(times: ArrayLike, positions: ArrayLike) -> PiecewisePolyn
 
 
 def course_covariances(times: Sequence[float], covariances: Array) -> PiecewisePolynomials:
-    """Return covariances (xx, xy, yy) m^2 that are linear between those (n, 2, 2) at times (n,) s.
-
-    An error that is linear between the times keeps to ellipses that are linear in between, since a standard deviation
-    is a concave function of its variance. Before the first time and after the last one they stay as large as there.
-    """
+    """Return covariances (xx, xy, yy) m^2 that are linear between those (n, 2, 2) at times (n,) s."""
     packed = 0.5 * (covariances + covariances.swapaxes(1, 2))[:, [0, 0, 1], [0, 1, 1]]
     clock = np.array(times)
     pieces = np.zeros((len(clock) + 1, 2, 3))
@@ -46,11 +39,7 @@ def course_covariances(times: Sequence[float], covariances: Array) -> PiecewiseP
 
 
 def course_pointing(times: Sequence[float], headings: Sequence[float]) -> PiecewisePolynomials:
-    """Return what moves in the direction of headings (n,) rad at times (n,) s; before and after them as at the ends.
-
-    In between its velocity goes straight from one unit vector to the next, so that its direction turns from the one
-    heading to the other the shorter way round.
-    """
+    """Return what moves in the direction of headings (n,) rad at times (n,) s; before and after them as at the ends."""
     clock, angles = np.array(times), np.array(headings)
     unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     pieces = np.zeros((len(clock) + 1, 3, 2))

@@ -1,9 +1,4 @@
-"""Signed distance from points to ellipses, vectorised.
-
-An ellipse {z : z' C^-1 z <= 1} has support h(nu) = sqrt(nu' C nu); the signed distance of a point d is the largest
-of nu.d - h(nu) over unit vectors nu, negative inside. Any nu gives a lower bound, so an inexact nu errs to the
-safe side.
-"""
+"""Signed distance from points to ellipses, vectorised."""
 
 from __future__ import annotations
 
@@ -20,59 +15,21 @@ CENTRE_GUARD = 1e-9  # of the smaller half axis: keeps the normal defined on the
 
 @dataclass(frozen=True)
 class Contact:
-    """Signed distances and where they are attained.
+    """Signed distances and where they are attained."""
 
-    Attributes
-    ----------
-    distance : (n,) array
-        Signed distance in m, negative inside.
-    normal : (n, 2) array
-        Unit vector from the set towards the point at which the support function is touched.
-    """
-
-    distance: Array
-    normal: Array
+    distance: Array  # (n,) Signed distance in m, negative inside
+    normal: Array  # (n, 2) Unit vector from the set towards the point at which the support function is touched
 
 
 def support(covariance: Array, normal: Array) -> Array:
-    """Support function sqrt(nu' C nu).
-
-    Parameters
-    ----------
-    covariance : (..., 3) array
-        (xx, xy, yy) of C, m^2.
-    normal : (..., 2) array
-        Unit vectors.
-
-    Returns
-    -------
-    (...) array
-        m.
-    """
+    """Support function sqrt(nu' C nu)."""
     x, y = normal[..., 0], normal[..., 1]
     quadratic = covariance[..., 0] * x * x + 2.0 * covariance[..., 1] * x * y + covariance[..., 2] * y * y
     return np.sqrt(np.maximum(quadratic, 0.0))
 
 
 def ellipse_contact(offset: Array, covariance: Array) -> Contact:
-    """Exact signed distance from points to ellipses around the origin.
-
-    The closest boundary point solves a^2 y0^2 / (s + a^2)^2 + b^2 y1^2 / (s + b^2)^2 = 1 in the principal axes
-    (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's
-    method from a left bound of the root converges monotonically: b y1 - b^2 is one, and so is |(a y0, b y1)| - a^2,
-    which is the root itself for circles.
-
-    Parameters
-    ----------
-    offset : (n, 2) array
-        Points relative to the ellipses' centres, m.
-    covariance : (n, 3) array
-        (xx, xy, yy), positive definite, m^2.
-
-    Returns
-    -------
-    Contact
-    """
+    """Exact signed distance from points to ellipses around the origin."""
     axes = _PrincipalAxes.of(offset, covariance)
     u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap
     # shift = s + minor, so that nothing cancels near the pole
@@ -96,22 +53,7 @@ def ellipse_contact(offset: Array, covariance: Array) -> Contact:
 
 
 def far_ellipse_contact(offset: Array, covariance: Array) -> Contact:
-    """The other local maximum of nu . d - sqrt(nu' C nu) over unit vectors, across the major axis; -inf without one.
-
-    For points near the middle of a flat ellipse the boundary is near on both sides. The left side of the equation of
-    :func:`ellipse_contact` is convex between its poles too; Newton's method from the upper pole finds its upper root.
-
-    Parameters
-    ----------
-    offset : (n, 2) array
-        Points relative to the ellipses' centres, m.
-    covariance : (n, 3) array
-        (xx, xy, yy), positive definite, m^2.
-
-    Returns
-    -------
-    Contact
-    """
+    """The other local maximum of nu . d - sqrt(nu' C nu) over unit vectors, across the major axis; -inf without one."""
     axes = _PrincipalAxes.of(offset, covariance)
     u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap
     shift = -w

@@ -1,7 +1,4 @@
-"""The planning frame: the start at the origin, the goal on the positive x axis, the start time at 0.
-
-Planning happens in this frame, so that a scene moved by kilometres, turned, or on a clock of 1e9 s gives the same trip.
-"""
+"""The planning frame: the start at the origin, the goal on the positive x axis, the start time at 0."""
 
 from __future__ import annotations
 
@@ -40,20 +37,11 @@ def covariance_turned_back(covariance: Array, headings: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlanningFrame:
-    """A planar frame and a clock.
-
-    Attributes
-    ----------
-    origin : (x, y) in m, world coordinates
-    heading : float
-        Direction of the frame's x axis in the world, rad.
-    time : float
-        Absolute time of the frame's clock at 0, s.
-    """
+    """A planar frame and a clock."""
 
     origin: tuple[float, float]
-    heading: float
-    time: float
+    heading: float  # Direction of the frame's x axis in the world, rad
+    time: float  # Absolute time of the frame's clock at 0, s
 
     @classmethod
     def between(cls, start: tuple[float, float], goal: tuple[float, float], time: float) -> PlanningFrame:

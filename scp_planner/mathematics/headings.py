@@ -1,10 +1,4 @@
-"""Where something heads that follows a course and stands now and then.
-
-A shape that is the same after half a turn, a rectangle or an ellipse, heads along the velocity, one way or the other.
-Where a course hardly moves its velocity is jitter and says nothing. There the last known heading serves, and turns into
-the next one as the obstacle goes along, by the share of the way between them that is behind it; before the first known
-heading that one serves.
-"""
+"""Heading of something that follows a course and stands now and then."""
 
 from __future__ import annotations
 
@@ -14,34 +8,19 @@ from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
 
 SLOW = 0.05
-"""Of the fastest that a course goes: slower than that it stands."""
+"""Share of a course's top speed below which it stands."""
 ON_ITS_WAY = 0.1
-"""Of its length. What has not come so far, or will not, in the time that it takes at the speed above, jitters."""
+"""Share of a course's length: a place that is not left by so much at the speed above jitters."""
 EACH_PIECE = 16
 """Looks at how far it has come, where it stands, in each piece of a course."""
 SHORTEST = 1e-9
-"""Of a course, for which it is on its way or stands."""
 NO_LEAD = 1e-14
-"""Of the largest coefficient of a polynomial, as its last one, which is nothing then."""
 NEARLY_REAL = 1e-3
 """Imaginary part of a root, of half an interval."""
 
 
 def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePolynomials | None:
-    """Return what moves in the direction that a shape of a length, m, heads in on a course.
-
-    Parameters
-    ----------
-    course : PiecewisePolynomials
-        One, as of `scp_planner.mathematics.courses.course_polynomials`.
-    length : float
-        Of the shape, m.
-
-    Returns
-    -------
-    PiecewisePolynomials or None
-        The course itself where it is nowhere slow; None if it is on its way nowhere: then no heading is known.
-    """
+    """Return what moves in the direction that a shape of a length, m, heads in on a course."""
     first, last = course.breakpoints[0, [1, -2]].tolist()
     runs = _runs(course, length)
     if not runs:
@@ -70,10 +49,7 @@ def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePoly
 
 
 def _runs(course: PiecewisePolynomials, length: float) -> list[tuple[float, float]]:
-    """Times from and to which a course is on its way, s, in order.
-
-    Each condition says that a polynomial is not negative on each piece; between its roots it does not change its sign.
-    """
+    """Times from and to which a course is on its way, s, in order."""
     breaks = course.breakpoints[0, 1:-1]
     first, last = breaks[[0, -1]].tolist()
     slow = SLOW * _fastest(course, breaks)
@@ -106,7 +82,7 @@ def _fastest(course: PiecewisePolynomials, breaks: Array) -> float:
 
 
 def _moves(course: PiecewisePolynomials, times: Array, slow: float, far: float) -> Mask:
-    """Whether a course is on its way at times (n,) s: not slow, and far from where it was and will be."""
+    """True if a course is on its way at times (n,) s: not slow, and far from where it was and will be."""
     first, last = course.breakpoints[0, [1, -2]].tolist()
     reach = far / slow
     place, ahead, behind = (_at(course, np.clip(times + d, first, last)) for d in (0.0, reach, -reach))
@@ -119,10 +95,7 @@ def _moves(course: PiecewisePolynomials, times: Array, slow: float, far: float) 
 
 
 def _local(course: PiecewisePolynomials, middle: Array, half: Array) -> Array:
-    """Coefficients (n, P, 2) of powers of u in [-1, 1] on intervals (n,) by their middles and half widths, s.
-
-    Beyond the ends of the course it is where it ends.
-    """
+    """Coefficients (n, P, 2) of powers of u in [-1, 1] on intervals (n,) by their middles and half widths, s."""
     first, last = course.breakpoints[0, [1, -2]]
     found = course.taylor(np.zeros(len(middle), dtype=np.intp), np.clip(middle, first, last))
     found = found * half[:, None, None] ** np.arange(found.shape[1])[:, None]
@@ -141,10 +114,7 @@ def _square(way: Array, least: float) -> Array:
 
 
 def _roots(coefficients: Array) -> Array:
-    """Real roots in [-1, 1] of polynomials, (n, P) ascending coefficients to (n, P - 1); nan in place of others.
-
-    What is nearly real counts: a time that is no root cuts an interval in two, and does no harm.
-    """
+    """Real roots in [-1, 1] of polynomials, (n, P) ascending coefficients to (n, P - 1); nan in place of others."""
     degree = coefficients.shape[1] - 1
     found = np.full((len(coefficients), degree), np.nan)
     size = np.abs(coefficients).max(axis=1)
@@ -198,7 +168,6 @@ def _turned(course: PiecewisePolynomials, times: Array, first: Array, last: Arra
 
 
 def _turning(first: Array, last: Array, duration: float) -> Array:
-    """What moves with a velocity that goes straight from one unit vector to another."""
     return np.stack([np.zeros(2), first, 0.5 * (last - first) / duration])
 
 

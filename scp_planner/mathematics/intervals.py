@@ -1,8 +1,4 @@
-"""Arithmetic with intervals, vectorised: each operation encloses all values of its operands.
-
-Rounding is not directed; what it could lose is far below the margins that plans are made with and is covered by
-the certificate's own tolerance.
-"""
+"""Arithmetic with intervals, vectorised: each operation encloses all values of its operands."""
 
 from __future__ import annotations
 

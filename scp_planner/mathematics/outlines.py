@@ -1,11 +1,4 @@
-"""Convex outlines, polygons and ellipses, by support functions.
-
-The Minkowski sum of an outline K, an uncertainty ellipse {z : z' C^-1 z <= 1} and a disc of radius R has the support
-h(nu) = h_K(nu) + sqrt(nu' C nu) + R, and the signed distance of a point d to it is the largest of nu . d - h(nu)
-over unit vectors nu, negative inside. h_K of a polygon is linear between its edge normals, so the largest value is
-found among finitely many nu: an edge normal, or for a vertex v the nu of the distance of d - v to the ellipse, where
-v is the support point of that nu. Any nu gives a lower bound.
-"""
+"""Convex outlines, polygons and ellipses, by support functions."""
 
 from __future__ import annotations
 
@@ -27,20 +20,10 @@ SUM_SECTIONS = 40  # golden sections: 0.1 rad * 0.618^40 < 1e-9 rad
 
 @dataclass(frozen=True)
 class Outline:
-    """A convex shape about its origin: a polygon or an ellipse.
+    """A convex shape about its origin: a polygon or an ellipse."""
 
-    Attributes
-    ----------
-    vertices : (V, 2) array or None
-        Of a polygon, anticlockwise, no three in line, m.
-    matrix : (3,) array or None
-        (xx, xy, yy) of A of an ellipse {z : z' A^-1 z <= 1}, m^2.
-    turning : bool
-        Whether it turns with the direction of its motion; then its x axis is that direction.
-    """
-
-    vertices: Array | None = None
-    matrix: Array | None = None
+    vertices: Array | None = None  # (V, 2) m
+    matrix: Array | None = None  # (3,) (xx, xy, yy) of A of an ellipse {z : z' A^-1 z <= 1}, m^2
     turning: bool = False
 
     @classmethod
@@ -135,23 +118,7 @@ class Outline:
 
 
 class Outlines:
-    """Many outlines, for many contacts at once. Polygons are kept as one long list of edges.
-
-    Parameters
-    ----------
-    outlines : sequence of Outline
-
-    Attributes
-    ----------
-    turning : (n,) array of bool
-        Whether each turns with its motion.
-    counts : (n,) array of int
-        How many vertices each has; none an ellipse.
-    matrices : (n, 3) array
-        (xx, xy, yy) of the ellipses, m^2; 0 of polygons.
-    corners : (V, 2) array
-        Vertices of all polygons, one after the other, m.
-    """
+    """Many outlines, for many contacts at once."""
 
     def __init__(self, outlines: Sequence[Outline]) -> None:
         corners = [outline.vertices for outline in outlines if outline.vertices is not None]
@@ -169,7 +136,6 @@ class Outlines:
 
     @property
     def size(self) -> int:
-        """How many there are."""
         return len(self.counts)
 
     @cached_property
@@ -235,21 +201,7 @@ class Outlines:
         return value
 
     def contacts(self, index: Index, offset: Array, covariance: Array | None = None) -> Contact:
-        """Exact signed distances of points to chosen outlines, or to their sums with ellipses.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-            Which outline.
-        offset : (n, 2) array
-            Points relative to the outlines' origins, m.
-        covariance : (n, 3) array, optional
-            (xx, xy, yy) of the ellipses, positive definite, m^2.
-
-        Returns
-        -------
-        Contact
-        """
+        """Exact signed distances of points to chosen outlines, or to their sums with ellipses."""
         polygon = self.counts[index] > 0
         if covariance is None and polygon.all():
             return self._to_polygons(index, offset)
@@ -271,7 +223,7 @@ class Outlines:
         return Contact(distance, normal)
 
     def ragged(self, index: Index) -> tuple[Index, Index, Index]:
-        """Where each row's edges begin in the list of all edges of all rows; those edges; their rows."""
+        """First edge of each row in the list of all edges of all rows; those edges; their rows."""
         counts = self.counts[index]
         starts = np.cumsum(counts) - counts
         owner = np.repeat(np.arange(len(index)), counts)
@@ -324,23 +276,13 @@ class Outlines:
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of polygons, one after the other.
+    """Edges of polygons, one after the other."""
 
-    Attributes
-    ----------
-    start, tangent, normal : (E, 2) arrays
-        Where each begins, m, and its unit vectors along and outward.
-    length : (E,) array
-        m.
-    before : (E,) array of int
-        The edge before each.
-    """
-
-    start: Array
-    tangent: Array
-    normal: Array
-    length: Array
-    before: Index
+    start: Array  # (E, 2)
+    tangent: Array  # (E, 2)
+    normal: Array  # (E, 2)
+    length: Array  # (E,) m
+    before: Index  # (E,) The edge before each
 
     @classmethod
     def of(cls, corners: Array, counts: Index) -> Edges:
@@ -357,19 +299,7 @@ class Edges:
 
 
 def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
-    """Signed distance from points to sums of two ellipses about the origin.
-
-    Parameters
-    ----------
-    offset : (n, 2) array
-        m.
-    first, second : (n, 3) arrays
-        (xx, xy, yy) of each ellipse, m^2.
-
-    Returns
-    -------
-    Contact
-    """
+    """Signed distance from points to sums of two ellipses about the origin."""
     step = 2.0 * np.pi / SUM_GRID
     grid = np.broadcast_to(step * np.arange(SUM_GRID), (len(offset), SUM_GRID))
     # Flat ellipses have sharp maxima: theirs alone, and the directions in which they are thin, are tried as well.
@@ -423,12 +353,12 @@ def _tidy(vertices: Array) -> Array:
 
 
 def _next(values: Array) -> Array:
-    """Of each vertex, that of the next one; np.roll takes many times as long."""
+    """Values of the vertex after each; np.roll takes many times as long."""
     return np.concatenate([values[1:], values[:1]])
 
 
 def _last(values: Array) -> Array:
-    """Of each vertex, that of the one before."""
+    """Values of the vertex before each."""
     return np.concatenate([values[-1:], values[:-1]])
 
 

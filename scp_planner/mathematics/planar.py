@@ -1,7 +1,4 @@
-"""Plane geometry of points, polygons and ellipses in plain Python: what the checks of a scenario need.
-
-Points are pairs of floats in metres.
-"""
+"""Plane geometry of points, polygons and ellipses in plain Python: what the checks of a scenario need."""
 
 from __future__ import annotations
 
@@ -39,11 +36,7 @@ def centroid(polygon: Sequence[Point]) -> Point:
 
 
 def first_crossing(polygon: Sequence[Point]) -> tuple[int, int] | None:
-    """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i.
-
-    Of several such pairs the first one. Only edges whose boxes overlap are compared, so the work hardly grows faster
-    than the number of vertices.
-    """
+    """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i."""
     sides = edges(polygon)
     count = len(sides)
     found: list[tuple[int, int]] = []
@@ -118,14 +111,14 @@ def anticlockwise(polygon: Sequence[Point]) -> tuple[Point, ...]:
 
 
 def is_convex(polygon: Sequence[Point]) -> bool:
-    """Whether a simple polygon has no corner that points inwards; rounding is forgiven."""
+    """True if a simple polygon has no corner that points inwards; rounding is forgiven."""
     ring = anticlockwise(polygon)
     corners = zip(ring, [*ring[1:], *ring[:1]], [*ring[2:], *ring[:2]], strict=True)
     return all(_turn(a, b, c) >= -IN_LINE * math.dist(a, b) * math.dist(b, c) for a, b, c in corners)
 
 
 def overlap(polygon: Sequence[Point], other: Sequence[Point]) -> bool:
-    """Whether two convex polygons have an area in common: no edge of either separates them."""
+    """True if two convex polygons have an area in common: no edge of either separates them."""
     for one, two in ((polygon, other), (other, polygon)):
         for a, b in edges(anticlockwise(one)):
             in_line = IN_LINE * math.dist(a, b)

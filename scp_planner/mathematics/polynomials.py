@@ -17,19 +17,10 @@ MOST_INSTANTS = 4  # times the pieces of one polynomial: of so many instants, wh
 
 @dataclass(frozen=True)
 class PiecewisePolynomials:
-    """L piecewise polynomials with values in R^d.
+    """L piecewise polynomials with values in R^d."""
 
-    Attributes
-    ----------
-    breakpoints : (L, S + 1) array
-        Increasing times, s; the first and the last piece go on outside them. The powers of a piece are those of
-        ``t - left end``. Polynomials with fewer pieces are padded with pieces that begin at +inf.
-    coefficients : (L, S, P, d) array
-        Ascending powers.
-    """
-
-    breakpoints: Array
-    coefficients: Array
+    breakpoints: Array  # (L, S + 1) Increasing times, s; the first and the last piece go on outside them
+    coefficients: Array  # (L, S, P, d) Ascending powers
 
     @classmethod
     def single(cls, origin: float, coefficients: Array) -> PiecewisePolynomials:
@@ -116,7 +107,7 @@ class PiecewisePolynomials:
 
     @cached_property
     def _common(self) -> bool:
-        """Whether all have the same breakpoints: then a grid is a matrix product or two."""
+        """True if all have the same breakpoints: then a grid is a matrix product or two."""
         breaks = self.breakpoints
         last = breaks.shape[1] - (1 if breaks.shape[1] == 2 else 0)  # a single piece goes on beyond its end
         return len(breaks) > 0 and bool((breaks[:, :last] == breaks[0, :last]).all())
@@ -140,7 +131,7 @@ class PiecewisePolynomials:
 
     @cached_property
     def _varying(self) -> Index:
-        """Those of several pieces, or that are not constant."""
+        """Polynomials of several pieces, or that are not constant."""
         constant = ~np.any(self.coefficients[:, :, 1:], axis=(1, 2, 3))
         if self.coefficients.shape[1] > 1:
             constant &= ~np.isfinite(self.breakpoints[:, 1])
@@ -154,7 +145,7 @@ class PiecewisePolynomials:
 
     @cached_property
     def _flat_with_rate(self) -> Array:
-        """The same, and beside them those of the derivatives, (S, P, 2 L d)."""
+        """Coefficients, and beside them those of the derivatives, (S, P, 2 L d)."""
         flat = self._flat
         rate = np.zeros_like(flat)
         rate[:, :-1] = flat[:, 1:] * np.arange(1, flat.shape[1])[:, None]
@@ -216,20 +207,7 @@ class PiecewisePolynomials:
         return expanded(self.coefficients[index, piece], elapsed)
 
     def size_bounds(self, first: float, last: float) -> Array:
-        """Bounds of the sizes of all polynomials on each of their pieces, as far as it is in a span of time.
-
-        For symmetric matrices (xx, xy, yy) they bound the norm.
-
-        Parameters
-        ----------
-        first, last : float
-            s.
-
-        Returns
-        -------
-        (L, S) array
-            See :meth:`of_pieces`.
-        """
+        """Bounds of the sizes of all polynomials on each of their pieces, as far as it is in a span of time."""
         count, pieces, order, width = self.coefficients.shape
         if pieces == 1:
             left, right = np.full(count, first), np.full(count, last)

@@ -1,9 +1,4 @@
-"""The highest value of a piecewise polynomial, enclosed as closely as a limit asks for.
-
-On each piece the Bernstein coefficients bound the polynomial, and the first and the last are its values at the ends
-(convex hull). Where they leave open whether a limit is kept, the piece is halved by de Casteljau's scheme: the bound
-comes nearer to the polynomial by a factor of four each time.
-"""
+"""The highest value of a piecewise polynomial, enclosed as closely as a limit asks for."""
 
 from __future__ import annotations
 
@@ -20,40 +15,16 @@ MOST_HALVINGS = 30  # of a piece: what is then still open lies within rounding o
 
 @dataclass(frozen=True)
 class Highest:
-    """The highest value that was found.
+    """The highest value that was found."""
 
-    Attributes
-    ----------
-    value : float
-        Exceeds the limit only if a value does; else a bound of all values that does not.
-    piece : int
-        Where it is,
-    local : float
-        and at which share of the piece.
-    kept : bool
-        Whether the limit is kept everywhere.
-    """
-
-    value: float
+    value: float  # Exceeds the limit only if a value does; else a bound of all values that does not
     piece: int
-    local: float
+    local: float  # and at which share of the piece
     kept: bool
 
 
 def highest(coefficients: Array, limit: float) -> Highest:
-    """Find out whether a piecewise polynomial keeps an upper limit.
-
-    Parameters
-    ----------
-    coefficients : (M, P) array
-        Of ascending powers of the local parameter in [0, 1] of each piece.
-    limit : float
-        In the unit of the values.
-
-    Returns
-    -------
-    Highest
-    """
+    """Find out whether a piecewise polynomial keeps an upper limit."""
     to_bernstein, left, right = _matrices(coefficients.shape[1])
     points = coefficients @ to_bernstein.T
     sites = _sites(points.shape[1])
@@ -90,7 +61,7 @@ def highest(coefficients: Array, limit: float) -> Highest:
 
 @lru_cache(maxsize=16)
 def _sites(size: int) -> Array:
-    """Where the maxima of Bernstein polynomials are, (P,)."""
+    """Places of the maxima of Bernstein polynomials, (P,)."""
     return np.linspace(0.0, 1.0, size) if size > 1 else np.array([0.5])
 
 

@@ -1,9 +1,4 @@
-"""Clamped B-spline bases as piecewise polynomials: exact values, derivatives and antiderivatives.
-
-A basis of K functions on [0, 1] is held as one array of local power coefficients, so that a spline,
-all its derivatives and its integrals are evaluated at any parameters with a gather and a Horner scheme.
-The bases themselves come from :class:`scipy.interpolate.BSpline`.
-"""
+"""Clamped B-spline bases as piecewise polynomials: exact values, derivatives and antiderivatives."""
 
 from __future__ import annotations
 
@@ -23,18 +18,10 @@ MOST_GATHERED = 4_000_000  # coefficients at once, for values at many parameters
 
 @dataclass(frozen=True)
 class PiecewiseBasis:
-    """K piecewise polynomials on [0, 1] that share their breakpoints.
+    """K piecewise polynomials on [0, 1] that share their breakpoints."""
 
-    Attributes
-    ----------
-    breakpoints : (M + 1,) array
-        Ends of the M spans, increasing, from 0 to 1.
-    coefficients : (M, P, K) array
-        Coefficients of ascending powers of the local parameter x in [0, 1] of each span.
-    """
-
-    breakpoints: Array
-    coefficients: Array
+    breakpoints: Array  # (M + 1,) Ends of the M spans, increasing, from 0 to 1
+    coefficients: Array  # (M, P, K) Coefficients of ascending powers of the local parameter x in [0, 1] of each span
 
     @cached_property
     def widths(self) -> Array:
@@ -81,23 +68,7 @@ class PiecewiseBasis:
         return rows
 
     def weights_at(self, span: NDArray[np.intp], x: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:
-        """Give the values of `rows_at` without those that are zero in all of a span, at located parameters.
-
-        Only for B-splines whose knots are simple but for the ends.
-
-        Parameters
-        ----------
-        span : (n,) array of int
-        x : (n,) array
-            Within the spans, see `locate`.
-
-        Yields
-        ------
-        index : (n,) array of int
-            Of one basis function at each parameter.
-        value : (n,) array
-            Its value there.
-        """
+        """Give the values of `rows_at` without those that are zero in all of a span, at located parameters."""
         order = self.coefficients.shape[1]
         powers = x[:, None] ** _exponents(order)
         for further in range(order):
@@ -145,20 +116,7 @@ def _exponents(order: int) -> NDArray[np.int64]:
 
 @lru_cache(maxsize=256)
 def clamped_basis(degree: int, breakpoints: tuple[float, ...]) -> PiecewiseBasis:
-    """B-spline basis of a degree over breakpoints in [0, 1], full multiplicity at both ends.
-
-    Parameters
-    ----------
-    degree : int
-        Degree of the polynomials, 0 to 5.
-    breakpoints : tuple of float
-        Increasing, from 0 to 1.
-
-    Returns
-    -------
-    PiecewiseBasis
-        With ``len(breakpoints) - 1 + degree`` functions.
-    """
+    """B-spline basis of a degree over breakpoints in [0, 1], full multiplicity at both ends."""
     breaks = np.asarray(breakpoints, dtype=float)
     knots = clamped_knots(degree, breaks)
     size = len(knots) - degree - 1
@@ -181,20 +139,7 @@ def clamped_knots(degree: int, breakpoints: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def antiderivative_control_points(degree: int, breakpoints: tuple[float, ...]) -> Array:
-    """Matrix from control points of a spline on [0, 1] to those of its antiderivative that vanishes at 0.
-
-    Parameters
-    ----------
-    degree : int
-        Of the spline.
-    breakpoints : tuple of float
-        From 0 to 1.
-
-    Returns
-    -------
-    (K + 1, K) array
-        The control points bound the antiderivative for every parameter (convex hull property).
-    """
+    """Matrix from control points of a spline on [0, 1] to those of its antiderivative that vanishes at 0."""
     knots = clamped_knots(degree, np.asarray(breakpoints, dtype=float))
     size = len(knots) - degree - 1
     raised = BSpline(knots, np.eye(size), degree).antiderivative()

@@ -1,10 +1,4 @@
-"""Zones of obstacles that are noticed to move otherwise than foretold.
-
-They follow the filters, and a single change of acceleration as far as that explains what was seen. Those that go on
-smoothly are polynomials for all times (`scp_planner.online.many_zones`). Those that weave are not: they are put down at
-moments a part of a swing apart, where values, rates and second derivatives of mean and covariance are met, up to a
-moment from which on nothing is taken for known of how they swing.
-"""
+"""Zones of obstacles that are noticed to move otherwise than foretold."""
 
 from __future__ import annotations
 
@@ -28,20 +22,11 @@ KNOTS = 8
 SPAN = 0.4
 """Shortest period of a swing, of one of them."""
 LOOKS = np.array([0.0, 0.05, 0.15, 0.3, 0.6])
-"""Of the first of them: moments besides the ends of all, of what grows fast at first, by a hundred times and more."""
+"""Moments among the first ones, besides the ends of all, for zones that grow fast at first."""
 
 
 class Alarmed:
-    """Obstacles of one order that are alarmed.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    bank : Bank
-        That they are in.
-    deviation : float
-        Standard deviation of a single change of acceleration, m/s^2; 0: there is none.
-    """
+    """Obstacles of one order that are alarmed."""
 
     def __init__(self, tracks: Sequence[ObstacleTrack], bank: Bank, deviation: float) -> None:
         self.tracks, self.bank, self.deviation = tracks, bank, deviation
@@ -69,7 +54,6 @@ class Alarmed:
 
     @cached_property
     def _single(self) -> Index:
-        """Those that have been seen often enough to say whether they have changed their accelerations once."""
         if self.deviation <= 0.0:
             return np.zeros(0, dtype=np.intp)
         known = [track.settled for track in self.tracks]
@@ -135,22 +119,11 @@ def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
 
 
 def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:
-    """How likely it is that obstacles have changed their accelerations once, by how much usually, m/s^2."""
     return changes_of(bank.polynomials.roots.of(slots), bank.looks(slots), bank.noise_of(slots), deviation)
 
 
 def _pieces(values: Array, last: Array, widths: Array) -> Array:
-    """Coefficients (K, S + 1, P, d) of polynomials of degree 5 between moments, and what follows them.
-
-    Parameters
-    ----------
-    values : (S, K, 3, d) array
-        Values, first and second derivatives at all moments but the last.
-    last : (K, P, d) array
-        Coefficients of what follows the last moment.
-    widths : (S,) array
-        s.
-    """
+    """Coefficients (K, S + 1, P, d) of polynomials of degree 5 between moments, and what follows them."""
     count, terms = len(last), max(6, last.shape[1])
     end = last[:, :3] * np.array([1.0, 1.0, 2.0])[:, None]
     right = np.concatenate([values[1:], end[None]])

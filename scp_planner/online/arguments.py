@@ -54,30 +54,7 @@ def checked_estimate(
     covariance: ArrayLike,
     units: Units,
 ) -> Estimate:
-    """Make what a tracker says of its parts, in SI units.
-
-    Parameters
-    ----------
-    time : float
-        s.
-    position, velocity, acceleration : (2,)
-        m, m/s, m/s2.
-    covariance : (4, 4) or (6, 6)
-        Of the state.
-    units : Units
-        Of the scene: by these it is told what is too small to matter.
-
-    Returns
-    -------
-    Estimate
-
-    Raises
-    ------
-    OutOfRangeError
-        If a number is beyond what scenarios may hold.
-    ValueError
-        Naming what is wrong.
-    """
+    """Make what a tracker says of its parts, in SI units."""
     check_number("time", time)
     rates = [_point("velocity", velocity)]
     if acceleration is not None:
@@ -92,23 +69,7 @@ def checked_estimate(
 
 
 def checked_motion(name: str, motion: GivenMotion | Mapping[str, Any]) -> GivenMotion:
-    """Make what a predictor says of an obstacle a motion, in SI units.
-
-    Parameters
-    ----------
-    name : str
-        Id of the obstacle.
-    motion : Motion, Course, Futures or mapping
-
-    Returns
-    -------
-    Motion, Course or Futures
-
-    Raises
-    ------
-    ScenarioError
-        Naming what is wrong.
-    """
+    """Make what a predictor says of an obstacle a motion, in SI units."""
     anybody = {"id": name, "shape": {"disc": 1.0}, "motion": motion}
     checked = Obstacle(**anybody).motion
     assert checked is not None, "it is given"
@@ -123,22 +84,7 @@ def speeding(speed: float, limit: float) -> str | None:
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:
-    """Refuse what is no finite number, too small, or beyond what scenarios may hold.
-
-    Parameters
-    ----------
-    name : str
-        What the message calls it.
-    value : float
-    least : float
-
-    Raises
-    ------
-    OutOfRangeError
-        If it is beyond what scenarios may hold.
-    ValueError
-        Naming the value.
-    """
+    """Refuse what is no finite number, too small, or beyond what scenarios may hold."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name}: {value!r} is not a finite number")
     if value != value or value in (math.inf, -math.inf):

@@ -1,9 +1,4 @@
-"""Arrival: where, how fast and in which heading the vehicle is at its goal.
-
-Between two replans a vehicle drives on, so a goal without a radius is reached if it is nearer than the way of one
-period. It has arrived if, besides, its speed and heading are those that the goal asks for, within what braking takes
-away in a period and what a follower meets; what it drives from there is a stop.
-"""
+"""Arrival: where, how fast and in which heading the vehicle is at its goal."""
 
 from __future__ import annotations
 
@@ -24,7 +19,6 @@ ARRIVED = 1e-3
 HEADING = 0.05
 """rad, of a goal's heading, where the follower states no tolerance that is larger."""
 GENTLE = 0.5
-"""Of the deceleration: a vehicle that may brake less to reach its goal is not arriving yet."""
 
 
 class Arrival:

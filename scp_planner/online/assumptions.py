@@ -1,11 +1,4 @@
-"""What the promise of a plan rests on, looked at while driving: `docs/explanation/out-of-the-way.md` states it.
-
-- Obstacles stay in the zones that were made of them: at each replan their centres are looked for there.
-- The vehicle follows its plan, within the tracking error.
-- Replans come at least once in a period.
-
-What does not hold is told once when that begins; where it goes on, it is not told again.
-"""
+"""Assumptions of a plan's promise, watched while driving: see `docs/explanation/out-of-the-way.md`."""
 
 from __future__ import annotations
 
@@ -25,17 +18,7 @@ LATE = 1e-6
 
 
 class Assumptions:
-    """Looks whether what the last plan was promised under still holds.
-
-    Parameters
-    ----------
-    period : float
-        Longest time between two replans, s.
-    following : Following
-        Tolerances of the follower.
-    units : NaturalUnits
-        Of the scene: what is told is told in those of the user.
-    """
+    """Looks whether what the last plan was promised under still holds."""
 
     def __init__(self, period: float, following: Following, units: NaturalUnits) -> None:
         self._period, self._following, self._units = period, following, units
@@ -43,18 +26,7 @@ class Assumptions:
         self._told: frozenset[str] = frozenset()
 
     def broken(self, now: Moment, last: OnlinePlan | None) -> tuple[str, ...]:
-        """Return what does not hold any more and has not been told yet, and remember the moment.
-
-        Parameters
-        ----------
-        now : Moment
-        last : OnlinePlan or None
-            What has been driven since the last call.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Return what does not hold any more and has not been told yet, and remember the moment."""
         before, self._before = self._before, now
         if before is None or last is None:
             return ()
@@ -72,10 +44,7 @@ class Assumptions:
         return new
 
     def _escaped(self, before: Moment, now: Moment, frame: PlanningFrame) -> dict[str, str]:
-        """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each.
-
-        In the frame of the trip that is driven: in that, zones are looked at anyway.
-        """
+        """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each."""
         old, new = before.batch_in(frame), now.batch_in(frame)
         if old.ids == new.ids:
             first = second = np.arange(old.size)
@@ -100,7 +69,6 @@ class Assumptions:
 
 
 def _radii_towards(moved: Array, covariances: Array) -> Array:
-    """How far ellipses x' C^-1 x = 1, (n, 3) as (xx, xy, yy), reach in the directions of vectors (n, 2): (n,) m."""
     x, y = moved.T
     xx, xy, yy = (covariances + NOTHING**2 * np.array([1.0, 0.0, 1.0])).T
     squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)

@@ -1,9 +1,4 @@
-"""How a vehicle brakes: evenly, with an acceleration that jumps; or along ramps, where its jerk is limited.
-
-A stop along ramps takes away what the vehicle still speeds up by, brakes harder and harder, holds that, and lets go of
-the brake just as it comes to stand, see `scp_planner.online.ramps`. It has breakpoints of its own, where its ramps
-begin and end.
-"""
+"""Braking: with an acceleration that jumps, or along ramps where the jerk is limited."""
 
 from __future__ import annotations
 
@@ -29,9 +24,9 @@ from scp_planner.trips.trip import Trip
 SPARE = 1.5
 """Lengths of a stop, that the path of one straight ahead has."""
 SAME_KNOT = 1e-9
-"""Of the time of a stop: breakpoints that are nearer to each other are one."""
+"""Share of a stop's duration: breakpoints that are nearer to each other are one."""
 STRAIGHT_SPANS = 4
-"""Of a path straight ahead."""
+"""Spans of a path straight ahead."""
 
 
 def time_from_a_stand(vehicle: Vehicle, way: float) -> float:
@@ -43,10 +38,7 @@ def time_from_a_stand(vehicle: Vehicle, way: float) -> float:
 
 
 def leaving(trip: Trip, braking: Braking, spans: int) -> tuple[Trip, float] | None:
-    """Give the stop that leaves a trip after so many spans of its acceleration, and the absolute time of that, s.
-
-    None if it cannot be made, or there is no room for it on the path.
-    """
+    """Give the stop that leaves a trip after so many spans of its acceleration, and the absolute time of that, s."""
     stop = braking.stop_after(trip.trajectory, spans)
     if stop is None or not fits(stop):
         return None
@@ -55,22 +47,7 @@ def leaving(trip: Trip, braking: Braking, spans: int) -> tuple[Trip, float] | No
 
 
 def spans_between(breaks: Array, first: float, last: float, most: int) -> Index:
-    """After how many spans of its acceleration a trip may be left between two times, s: some of them, evenly spread.
-
-    Parameters
-    ----------
-    breaks : (n,) array
-        Where the spans end, s.
-    first, last : float
-        s. Where none ends in between, the first that ends later will do.
-    most : int
-        How many are given, at most.
-
-    Returns
-    -------
-    (m,) array of int
-        Increasing; none where the trip ends before the first time.
-    """
+    """After how many spans of its acceleration a trip may be left between two times, s: some of them, evenly spread."""
     begin, end = int(np.searchsorted(breaks, first)), int(np.searchsorted(breaks, last, "right")) - 1
     end = min(max(end, begin), len(breaks) - 1)
     return np.unique(np.linspace(begin, end, max(min(most, end - begin + 1), 0)).astype(np.intp))
@@ -78,15 +55,9 @@ def spans_between(breaks: Array, first: float, last: float, most: int) -> Index:
 
 @dataclass(frozen=True)
 class EvenBraking:
-    """At once, and evenly.
+    """At once, and evenly."""
 
-    Attributes
-    ----------
-    deceleration : float
-        m/s^2.
-    """
-
-    deceleration: float
+    deceleration: float  # m/s^2
 
     def time(self, speed: float) -> float:
         """Time that a stop takes, s."""
@@ -111,18 +82,10 @@ class EvenBraking:
 
 @dataclass(frozen=True)
 class RampedBraking:
-    """Along ramps of the acceleration.
+    """Along ramps of the acceleration."""
 
-    Attributes
-    ----------
-    deceleration : float
-        m/s^2.
-    jerk : float
-        m/s^3.
-    """
-
-    deceleration: float
-    jerk: float
+    deceleration: float  # m/s^2
+    jerk: float  # m/s^3
 
     def time(self, speed: float) -> float:
         """Time that a stop takes, s."""

@@ -1,11 +1,4 @@
-"""Stamps of sensors and trackers against the clock of the replans.
-
-A stamp later than a replan by more than a period is of no time that there has been: its sensor's clock is wrong, or the
-stamp is. Such a measurement is held back until the clock of the replans gets there, since an estimate brought forward
-to it leaves no zone where the obstacle is now. It is dropped if a measurement that comes after it is stamped in time:
-then the stamp was wrong, and so is the place of the obstacle at that time. A lead that many stamps have in common is
-reported.
-"""
+"""Stamps of sensors and trackers against the clock of the replans."""
 
 from __future__ import annotations
 
@@ -43,44 +36,17 @@ AnyStamped = TypeVar("AnyStamped", bound=Stamped)
 
 @dataclass
 class Lead(Generic[AnyStamped]):
-    """Stamps of one obstacle that are too late.
-
-    Attributes
-    ----------
-    held : list
-        What is held back, in order of arrival.
-    ahead : deque of float
-        How far the last ones were ahead of the replan, s.
-    reported : bool
-        Whether it has been reported that they have a lead in common.
-    dropped : bool
-        Whether any that was held back has been dropped.
-    calm : int
-        Stamps in time since the last one that was too late.
-    """
+    """Stamps of one obstacle that are too late."""
 
     held: list[AnyStamped] = field(default_factory=list)
-    ahead: deque[float] = field(default_factory=lambda: deque(maxlen=ALIKE))
+    ahead: deque[float] = field(default_factory=lambda: deque(maxlen=ALIKE))  # s
     reported: bool = False
     dropped: bool = False
-    calm: int = 0
+    calm: int = 0  # Stamps in time since the last one that was too late
 
 
 class Stamps(Generic[AnyStamped]):
-    """Measurements held back, and leads of their stamps.
-
-    Parameters
-    ----------
-    start : float
-        Time of the first replan, as far as it is known, s.
-    period : float
-        Longest time between two replans, s.
-
-    Attributes
-    ----------
-    now : float
-        Time of the last replan, s.
-    """
+    """Measurements held back, and leads of their stamps."""
 
     def __init__(self, start: float, period: float) -> None:
         self.now = start
@@ -90,7 +56,7 @@ class Stamps(Generic[AnyStamped]):
 
     @property
     def begun(self) -> bool:
-        """Whether there has been a replan."""
+        """True if there has been a replan."""
         return self._interval is not None
 
     def tick(self, now: float) -> None:

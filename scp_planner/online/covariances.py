@@ -1,8 +1,4 @@
-"""Covariances as sensors and trackers give them, made such that estimates can be computed from them.
-
-A filter in single precision gives covariances that are symmetric and positive definite but for rounding, and a
-simulator gives zeros. Both are repaired here, before they are used; what is no covariance is refused.
-"""
+"""Covariances as sensors and trackers give them, made such that estimates can be computed from them."""
 
 from __future__ import annotations
 
@@ -32,24 +28,7 @@ def square_matrix(value: ArrayLike, size: int) -> Array:
 
 
 def repaired(matrix: Array, units: ArrayLike) -> Array:
-    """Covariance that is symmetric and positive definite, from one that is so but for the rounding of its computation.
-
-    Parameters
-    ----------
-    matrix : (n, n) array
-        Position first, then velocity and acceleration where there are any, x and y of each.
-    units : (n / 2,) array
-        Units of the scene of these quantities.
-
-    Returns
-    -------
-    (n, n) array
-
-    Raises
-    ------
-    ValueError
-        Naming what is wrong.
-    """
+    """Covariance that is symmetric and positive definite."""
     least = LEAST_DEVIATION * np.repeat(np.asarray(units, dtype=float), 2)
     scale = np.maximum(_largest_of_kind(matrix), least)
     unlike = np.abs(matrix - matrix.T) / np.outer(scale, scale)

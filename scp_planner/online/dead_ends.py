@@ -1,8 +1,4 @@
-"""Dead ends: from where a vehicle that only drives ahead, in bends, cannot go on any more.
-
-A dodge that ends turned towards a wall may be clear of everything, and from its end no trip leads on: the vehicle would
-stay there for ever. So it is looked how far courses lead from there that turn as tightly as the vehicle can.
-"""
+"""Dead ends: from where a vehicle that only drives ahead, in bends, cannot go on any more."""
 
 from __future__ import annotations
 
@@ -33,24 +29,6 @@ COURSES = _courses()
 
 
 def way_on(place: Array, heading: Array, radius: float, clear: Callable[[Array], Mask]) -> Array:
-    """How far a vehicle can drive on, on the best of some courses, up to `FAR`.
-
-    Parameters
-    ----------
-    place : (N, 2) array
-        m.
-    heading : (N,) array
-        rad.
-    radius : float
-        Of the tightest turn, m.
-    clear : callable
-        Whether places (..., 2), m, are clear of what never moves.
-
-    Returns
-    -------
-    (N,) array
-        m.
-    """
     ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
     local = radius * COURSES

@@ -1,7 +1,4 @@
-"""What a replan answers: which of the last plan, an improved one, another way round or a way out is driven.
-
-The order is that of `scp_planner.online.planner`.
-"""
+"""Choice of a replan among the last plan, an improved one, another way round and a way out."""
 
 from __future__ import annotations
 
@@ -57,13 +54,7 @@ SLOWER = 5e-3
 
 
 class Waiting:
-    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it.
-
-    Parameters
-    ----------
-    goal : (x, y)
-        m.
-    """
+    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it."""
 
     def __init__(self, goal: tuple[float, float]) -> None:
         self._goal = goal
@@ -80,12 +71,7 @@ class Waiting:
 
 
 class Decision:
-    """Decides replan by replan what is driven, and remembers how good that is.
-
-    Parameters
-    ----------
-    means : Means
-    """
+    """Decides replan by replan what is driven, and remembers how good that is."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -195,12 +181,12 @@ class Decision:
         return plan
 
     def _takes_turns(self, now: Replan) -> bool:
-        """Whether ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
+        """True if ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
         evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
         return evades and self._means.gives_way_late
 
     def _looks_now(self, now: Replan) -> bool:
-        """Whether ways are looked at in a replan without a trip to drive on by."""
+        """True if ways are looked at in a replan without a trip to drive on by."""
         is_safe = now.last is None or now.last.safe
         if is_safe or not self._means.gives_way_late or self._without == WITHOUT_A_LOOK:
             self._without = 0
@@ -223,10 +209,7 @@ class Decision:
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> tuple[Vetted | Refusal, str]:
-        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan.
-
-        And what is found, in words.
-        """
+        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
         if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
@@ -251,11 +234,7 @@ class Decision:
         return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
-        """Improve what is left of the last trip: with room, as long as that costs little, or else without.
-
-        Where the last trip will do, the latter is left to the next replan: no replan takes as long as two. Nor is it
-        done where what is left, and every stop from it, is far inside of a zone.
-        """
+        """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
         loop = fresh.loop
         if fresh.unfinished is not None:
             return self._without_room(now, loop, fresh.left_of(fresh.unfinished), begun=True)
@@ -304,11 +283,7 @@ class Decision:
         return found
 
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory, begun: bool = False) -> Vetted | Refusal:
-        """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
-
-        That is left to the next replan, where the last trip will do, unless it was begun at the last one. It is not
-        done if all stops from it are in zones: steps that make it keep its limits hardly ever get one out.
-        """
+        """Improve what is left of the last trip; once more where it is refused before it keeps its limits."""
         assert now.last is not None, "there is a last trip"
         run = self._run(now, loop, ahead)
         evaluation, steps = run.evaluation, len(run.record)

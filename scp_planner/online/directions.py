@@ -10,31 +10,14 @@ from scp_planner.scenario.models import Steering, Vehicle
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:
-    """Whether it can set out in any direction, at a speed in units of the scene."""
+    """True if it can set out in any direction, at a speed in units of the scene."""
     return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STANDING)
 
 
 def direction(
     vehicle: Vehicle, position: tuple[float, float], heading: float | None, speed: float, goal: tuple[float, float]
 ) -> float | None:
-    """In which direction a vehicle sets out for its goal.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    position : (x, y)
-        Units of length of the scene, as those of the goal.
-    heading : float or None
-        In which it drives, or stands, rad; None: free.
-    speed : float
-        Units of speed.
-    goal : (x, y)
-
-    Returns
-    -------
-    float or None
-        rad, None: any. Of forwards and backwards the one that leads nearer to the goal.
-    """
+    """In which direction a vehicle sets out for its goal."""
     if heading is None or can_turn(vehicle, speed):
         return None
     towards = math.atan2(goal[1] - position[1], goal[0] - position[0])

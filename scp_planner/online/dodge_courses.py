@@ -1,9 +1,4 @@
-"""What dodges are made of: courses to drive on, and profiles of speed to drive them by.
-
-A *course* leads on from where the vehicle is: straight, in any direction where its heading is free, or after a while to
-a side; else it turns by an angle, as tightly as the limits allow, and goes straight on. A *profile* speeds up or slows
-down to a level, keeps it for a while, and brakes to a stop; then the vehicle stands.
-"""
+"""Courses of evasive manoeuvres, and the speed profiles to drive them by."""
 
 from __future__ import annotations
 
@@ -18,7 +13,7 @@ from scp_planner.arrays import Array
 from scp_planner.scenario.limits import Limits
 
 DIRECTIONS = 32
-"""Where the heading is free..."""
+"""Directions where the heading is free..."""
 BENT_DIRECTIONS = 16
 """...and of courses that turn later."""
 BEND = np.radians(60.0)
@@ -34,7 +29,7 @@ LEVELS = (1.0, 0.5)
 CRUISES = (0.0, 1.0, 2.0, 4.0, 8.0)
 """Times for which a level is kept, in those in which the vehicle drives its own width."""
 SPANS = 32
-"""Of the accelerations of a dodge, all as long as each other."""
+"""Spans of the accelerations of an evasive manoeuvre, of equal length."""
 WHOLE = 3
 """Spans that are lost where phases become whole numbers of them."""
 BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
@@ -43,7 +38,7 @@ TABLE = 33
 EASING = 0.5
 """Share of a prompt turn in which it ends."""
 LIMIT_SHARE = 0.98
-"""Of the limits, that dodges use."""
+"""Share of the limits that evasive manoeuvres use."""
 _SHARES = np.linspace(0.0, 1.0, TABLE)
 
 
@@ -64,58 +59,30 @@ def prompt_step(share: Array) -> Array:
 
 @dataclass(frozen=True)
 class Bend:
-    """How courses turn.
-
-    Attributes
-    ----------
-    turned : callable
-        Shares of the angle at shares of the length.
-    peak : float
-        The largest slope of that, and of splines through it.
-    """
-
-    turned: Callable[[Array], Array]
-    peak: float
+    turned: Callable[[Array], Array]  # Shares of the angle at shares of the length
+    peak: float  # The largest slope of that, and of splines through it
 
 
 GRADUAL = Bend(smooth_step, 1.5)
 PROMPT = Bend(prompt_step, 1.015 / (1.0 - 0.5 * EASING))
-"""Of a vehicle whose curvature may jump: where every replan begins another dodge, one that turned gradually would
-hardly turn."""
+"""Share of the span in which a vehicle turns whose curvature may jump: one that turned gradually would hardly turn
+in a replan."""
 
 
 @dataclass(frozen=True)
 class DodgeDrive:
-    """What a dodge drives along its course.
-
-    Attributes
-    ----------
-    start_speed : float
-        m/s.
-    degree : int
-        Of the acceleration.
-    breakpoints : tuple of float
-        Of the acceleration, in normalised time.
-    beta : array
-        Control points of the acceleration, m/s^2.
-    lasts : float
-        s.
-    """
-
-    start_speed: float
+    start_speed: float  # m/s
     degree: int
     breakpoints: tuple[float, ...]
-    beta: Array
-    lasts: float
+    beta: Array  # Control points of the acceleration, m/s^2
+    lasts: float  # s
 
 
 class DodgeProfiles(Protocol):
     """P drives that end in a stop."""
 
     @property
-    def stands(self) -> Array:
-        """When the vehicle stands, (P,) s from now."""
-        ...
+    def stands(self) -> Array: ...
 
     @property
     def fastest(self) -> Array:
@@ -123,9 +90,7 @@ class DodgeProfiles(Protocol):
         ...
 
     @property
-    def way(self) -> Array:
-        """How far they go, (P,) m."""
-        ...
+    def way(self) -> Array: ...
 
     def last(self, count: int) -> Self:
         """The last so many of them."""
@@ -135,65 +100,26 @@ class DodgeProfiles(Protocol):
         """Distances driven at times (J,), (P, J) m."""
         ...
 
-    def drive(self, number: int) -> DodgeDrive:
-        """What one of them drives."""
-        ...
+    def drive(self, number: int) -> DodgeDrive: ...
 
 
 def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
-    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once.
-
-    Parameters
-    ----------
-    top : float
-        Speed, m/s.
-    width : float
-        Of the vehicle, m.
-
-    Returns
-    -------
-    ((P,) array, (P,) array)
-    """
+    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once."""
     levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
     return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
 
 
 @dataclass(frozen=True)
 class Profiles:
-    """P drives that end in a stop.
+    """P drives that end in a stop."""
 
-    Attributes
-    ----------
-    speed : (P, SPANS + 1) array
-        At the ends of the spans, m/s.
-    span : (P,) array
-        Length of a span, s.
-    stands : (P,) array
-        When the vehicle stands, s from now.
-    """
-
-    speed: Array
-    span: Array
-    stands: Array
+    speed: Array  # (P, SPANS + 1) At the ends of the spans, m/s
+    span: Array  # (P,) Length of a span, s
+    stands: Array  # (P,)
 
     @classmethod
     def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
-        """Return the profiles of a vehicle.
-
-        Parameters
-        ----------
-        start_speed : float
-            m/s.
-        limits : Limits
-        width : float
-            Of the vehicle, m.
-        wait : float
-            For how long it is to stand at the end, s.
-
-        Returns
-        -------
-        Profiles
-        """
+        """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits.speed, width)
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
@@ -221,11 +147,9 @@ class Profiles:
 
     @property
     def way(self) -> Array:
-        """How far they go, (P,) m."""
         return self.driven[:, -1]
 
     def drive(self, number: int) -> DodgeDrive:
-        """What one of them drives."""
         speeds, span = self.speed[number], float(self.span[number])
         return DodgeDrive(float(speeds[0]), 0, BREAKS, np.diff(speeds) / span, SPANS * span)
 
@@ -250,20 +174,10 @@ class Profiles:
 
 @dataclass(frozen=True)
 class Courses:
-    """K courses from a place.
+    """K courses from a place."""
 
-    Attributes
-    ----------
-    base : (K,) array
-        Direction in which each begins, rad.
-    turn : (K,) array
-        By how much it turns, rad.
-    bend : Bend
-        How they turn.
-    """
-
-    base: Array
-    turn: Array
+    base: Array  # (K,) Direction in which each begins, rad
+    turn: Array  # (K,) By how much it turns, rad
     bend: Bend = GRADUAL
 
     @classmethod
@@ -301,20 +215,7 @@ class Courses:
         return np.cos(self.turn), np.sin(self.turn)
 
     def along(self, lead: Array, length: Array, distance: Array) -> tuple[Array, Array]:
-        """Places and headings.
-
-        Parameters
-        ----------
-        lead, length : (K, P) arrays
-            How far it is to the turns, and of them, m.
-        distance : (P, J) array
-            m.
-
-        Returns
-        -------
-        ((K, P, J, 2) array, (K, P, J) array)
-            m from where the courses begin, and rad.
-        """
+        """Places and headings."""
         if not self.turn.any():
             heading = np.broadcast_to(self.base[:, None, None], (len(self.base), *distance.shape))
             ahead = np.stack([np.cos(self.base), np.sin(self.base)], axis=-1)

@@ -1,4 +1,4 @@
-"""What is seen of dodges before any is certified: how near they come to zones, what they gain, what they are worth."""
+"""Approximate clearance, gain and worth of evasive manoeuvres, before any is certified."""
 
 from __future__ import annotations
 
@@ -44,8 +44,6 @@ FARTHEST = 1e9
 
 @dataclass(frozen=True)
 class Driven:
-    """What C dodges drive: at times (J,), s from now, places (C, J, 2), m, headings (C, J), rad; until (C,), s."""
-
     times: Array
     position: Array
     heading: Array
@@ -54,42 +52,18 @@ class Driven:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What is seen of C dodges at J samples.
-
-    Attributes
-    ----------
-    least : (C, J) array
-        Clearances, m; inf after the dodge is over.
-    room : Room
-        From which zones.
-    clear : (C,) array
-        How long each keeps clear, s from now; inf for those that do until they are over.
-    leaves : (C,) array
-        From when on each keeps clear until it is over, s from now; inf for those that never do.
-    now, soon, then : (C,) arrays
-        What is left of the way to the goal, m, as the vehicle can turn: now, at `GAIN`, and at the end.
-    worth : (C,) array
-        What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones
-        and the harm of coming into them or nearly so.
-    """
-
-    least: Array
-    room: Room
-    clear: Array
-    leaves: Array
-    now: Array
-    soon: Array
-    then: Array
-    worth: Array
+    least: Array  # (C, J) Clearances, m; inf after the dodge is over
+    room: Room  # From which zones
+    clear: Array  # (C,)
+    leaves: Array  # (C,) From when on each keeps clear until it is over, s from now; inf for those that never do
+    now: Array  # (C,)
+    soon: Array  # (C,)
+    then: Array  # (C,)
+    worth: Array  # (C,)
 
 
 class DodgeOutlooks:
-    """Looks at dodges among the zones of a moment.
-
-    Parameters
-    ----------
-    means : Means
-    """
+    """Looks at dodges among the zones of a moment."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -106,10 +80,7 @@ class DodgeOutlooks:
         self._change = self._unrest.note(moment.state.time, batch.ids, velocities)
 
     def _closer(self, moment: Moment, times: Array, place: Array, room: Room) -> Array:
-        """The least clearance, (C, J) m, at places (C, J, 2) and times (J,), s from now, if who turns goes on with it.
-
-        Who has just changed the velocity is taken to change it once more in the same direction.
-        """
+        """The least clearance, (C, J) m, at places (C, J, 2) and times (J,), s from now."""
         turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])  # the border is the last
         if not turning.size:
             return room.least
@@ -127,32 +98,12 @@ class DodgeOutlooks:
         return least
 
     def be_patient(self, waited: float) -> None:
-        """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts.
-
-        So a vehicle does not wait for ever for more room than there is.
-
-        Parameters
-        ----------
-        waited : float
-            s.
-        """
+        """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts."""
         lasts = PATIENCE * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
     def of(self, moment: Moment, dodges: Dodges, near: Index | None = None) -> Outlook:
-        """Return what is seen of dodges among the zones of a moment.
-
-        Parameters
-        ----------
-        moment : Moment
-        dodges : Dodges
-        near : array of int, optional
-            Which zones are looked at; None: all that any dodge may come near to.
-
-        Returns
-        -------
-        Outlook
-        """
+        """Return what is seen of dodges among the zones of a moment."""
         vehicle = moment.scenario.vehicle
         if near is None:
             near = dodges.within_reach(moment.batch, vehicle)
@@ -164,10 +115,7 @@ class DodgeOutlooks:
         return seen
 
     def _with_backing_out(self, moment: Moment, dodges: Dodges, seen: Outlook) -> Outlook:
-        """Judge a stop of a vehicle that drives both ways as if it then left backwards, where that is better.
-
-        It has to stand before it can, and where it stands it may be in the way of somebody whom it would then leave.
-        """
+        """Judge a stop of a vehicle that drives both ways as if it then left backwards, where that is better."""
         vehicle, times = moment.scenario.vehicle, dodges.times
         stands = float(dodges.families[0].profiles.stands[0])
         starting = vehicle.max_speed / vehicle.max_acceleration
@@ -191,19 +139,7 @@ class DodgeOutlooks:
         return Room(numbers, np.concatenate([away.T, self.box(moment).room(place)[None]])[:, None])
 
     def of_stop(self, moment: Moment, stop: Stop, times: Array) -> Outlook:
-        """Return what is seen of a stop that is being driven: as of one dodge.
-
-        Parameters
-        ----------
-        moment : Moment
-        stop : Stop
-        times : (J,) array
-            s from now.
-
-        Returns
-        -------
-        Outlook
-        """
+        """Return what is seen of a stop that is being driven: as of one dodge."""
         trip, begin = stop.trip, moment.state.time
         points, _ = trip.at(begin + times)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
@@ -219,21 +155,7 @@ class DodgeOutlooks:
         return self.seen(moment, driven, room, judged)
 
     def seen(self, moment: Moment, driven: Driven, room: Room, judged: Room) -> Outlook:
-        """Judge what is driven by the room that it keeps.
-
-        Parameters
-        ----------
-        moment : Moment
-        driven : Driven
-        room : Room
-            At the same samples: where it is clear.
-        judged : Room
-            The same from zones that grow for less long: what that is worth.
-
-        Returns
-        -------
-        Outlook
-        """
+        """Judge what is driven by the room that it keeps."""
         vehicle, after, near = moment.scenario.vehicle, driven.times > driven.until[:, None], room.least
         least = np.where(after, np.inf, near)
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
@@ -270,7 +192,6 @@ class DodgeOutlooks:
         return lost
 
     def _way_left(self, moment: Moment, driven: Driven, time: Array) -> Array:
-        """What is left of the way to the goal, m, now, at `GAIN` and at the end, (3, C), of what is driven at times."""
         position, heading = (
             np.stack([values[:, 0], value_at(GAIN, time, values), values[:, -1]])
             for values in (driven.position, driven.heading)
@@ -278,7 +199,6 @@ class DodgeOutlooks:
         return self._way_from(moment, moment.frame, position, heading)
 
     def _way_from(self, moment: Moment, frame: PlanningFrame, position: Array, heading: Array) -> Array:
-        """What is left of the way to the goal, (...) m, from places (..., 2), m, with headings (...), in a frame."""
         scenario, tightest = moment.scenario, self.tightest(moment)
         vehicle, goal = scenario.vehicle, frame.to_frame(np.array(scenario.goal.position))
         if vehicle.steering is not Steering.BOTH_WAYS:
@@ -287,10 +207,7 @@ class DodgeOutlooks:
         return way_left_both_ways(position, heading, goal, tightest, scenario.goal.radius, turning_back)
 
     def _lost_by_going_on(self, moment: Moment, trip: Trip) -> float:
-        """By how much more the vehicle drives, m, as a trip goes on in one direction, than if it turned back for once.
-
-        A trip may lead once more round a goal that is beside the vehicle.
-        """
+        """By how much more the vehicle drives, m, as a trip goes on in one direction."""
         if moment.scenario.vehicle.steering is not Steering.BOTH_WAYS:
             return 0.0
         points, _ = trip.at(np.array([moment.state.time]))
@@ -301,7 +218,6 @@ class DodgeOutlooks:
         return float((onward - self._way_from(moment, trip.frame, place, heading))[0])
 
     def _cost(self, time: Array, near: Array, counted: Array) -> Array:
-        """What speaks against dodges, (C,) widths of way, by their clearances (C, J) and those that may be harmful."""
         return NEARNESS * self._patience * nearness(time, near) + harm(time, counted)
 
     def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
@@ -316,20 +232,7 @@ class DodgeOutlooks:
         return Box.of(moment.scenario, moment.frame, 0.0)
 
     def worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
-        """Return what speaks for a trip, as for dodges; foreseen zones, where it is not certified, speak against it.
-
-        Parameters
-        ----------
-        moment : Moment
-        trip : Trip
-        times : (J,) array
-            s from now, as of the dodges that it is compared with.
-
-        Returns
-        -------
-        float
-            m.
-        """
+        """Return what speaks for a trip, as for dodges; foreseen zones, where it is not certified, speak against it."""
         vehicle, begin = moment.scenario.vehicle, moment.state.time
         width = 2.0 * vehicle.radius
         ahead = times[times <= (OUTLOOK + 1.0) * a_moment(vehicle)]
@@ -359,14 +262,13 @@ class DodgeOutlooks:
 
 
 def _that_stand(batch: ZoneBatch) -> ZoneBatch:
-    """Those of zones that are known to stand: walls, and what is parked."""
     stands = ~np.any(batch.velocities.coefficients, axis=(1, 2, 3))
     stands[batch.uncertain] = False
     return batch.subset(np.flatnonzero(stands))
 
 
 def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
-    """Whether places (..., 2), m, are in the workspace, and clear of zones that stand."""
+    """True if places (..., 2), m, are in the workspace, and clear of zones that stand."""
     clear: Mask = box.room(place) >= 0.0
     points = place.reshape(-1, 2)
     # Most of the walls of a long corridor are nowhere near
@@ -384,19 +286,7 @@ def _within_box(standing: ZoneBatch, points: Array) -> Index:
 
 
 def until_over(near: Array, driven: Driven) -> Array:
-    """Return clearances up to the end of each dodge, which lies between two samples; inf after that.
-
-    Parameters
-    ----------
-    near : (C, J) array
-        m.
-    driven : Driven
-
-    Returns
-    -------
-    (C, J) array
-        m.
-    """
+    """Return clearances up to the end of each dodge, which lies between two samples; inf after that."""
     times, until, near = driven.times, driven.until[:, None], np.minimum(near, FARTHEST)
     step = times[1] - times[0]
     share = np.clip((until - times) / step, 0.0, 1.0)[:, :-1]

@@ -1,7 +1,4 @@
-"""What speaks for dodges and against them: the way that they gain soon, how near they come, what they enter.
-
-Times are in moments (`a_moment`), lengths in widths of the vehicle.
-"""
+"""Terms of an evasive manoeuvre's worth: way gained, nearness to zones, zones entered."""
 
 from __future__ import annotations
 
@@ -41,22 +38,6 @@ def a_moment(vehicle: Vehicle) -> float:
 
 
 def nearness(time: Array, clearance: Array) -> Array:
-    """How near dodges come to zones, and how soon: the integral over time of exp(-clearance / close) / (1 + fading t).
-
-    Who is near may turn towards the vehicle at any moment, by more than any zone allows for; who is far is evaded then.
-
-    Parameters
-    ----------
-    time : (J,) array
-        From now on, in moments; evenly spaced.
-    clearance : (C, J) array
-        In widths of the vehicle.
-
-    Returns
-    -------
-    (C,) array
-        Moments of touching now that would be as near.
-    """
     weight = np.where(time <= OUTLOOK, time[1] - time[0], 0.0) / (1.0 + FADING * time)
     # How deep it is inside of a zone is not judged here.
     near: Array = np.exp(-np.maximum(clearance, -CLOSE) / (CLOSE + CLOSER * time)) @ weight
@@ -64,20 +45,6 @@ def nearness(time: Array, clearance: Array) -> Array:
 
 
 def harm(time: Array, clearance: Array) -> Array:
-    """What entering zones does, the worst of it: its depth, and less if it is later.
-
-    Parameters
-    ----------
-    time : (J,) array
-        From now on, in moments.
-    clearance : (C, J) array
-        In widths of the vehicle.
-
-    Returns
-    -------
-    (C,) array
-        Widths of way.
-    """
     depth = np.where(clearance < 0.0, HARM_AT_ALL - clearance, 0.0)
     worst: Array = HARM * (depth / (1.0 + FADING * time)).max(axis=1)
     return worst

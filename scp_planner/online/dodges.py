@@ -1,9 +1,4 @@
-"""Dodges: short trips in many directions, each at several speeds and ending in a stop, looked at all together.
-
-A dodge is a course driven by a profile of speed (`scp_planner.online.dodge_courses`). Standing still is one. All are
-sampled at the same times, so that distances to all zones come from a few array operations. Samples decide which dodge
-is tried first, never what is safe: that is up to the certificate.
-"""
+"""Dodges: short trips in many directions, each at several speeds and ending in a stop, looked at all together."""
 
 from __future__ import annotations
 
@@ -50,18 +45,8 @@ _PATH_DEGREE = 3
 
 @dataclass(frozen=True)
 class Room:
-    """How far C dodges keep from what they might hit, at J samples.
-
-    Attributes
-    ----------
-    zones : (Z,) array of int
-        Which zones are looked at; `BORDER` for the border of the workspace.
-    each : (Z, C, J) array
-        Distances from each of them, m: lower bounds that are exact where it is near.
-    """
-
-    zones: Index
-    each: Array
+    zones: Index  # (Z,)
+    each: Array  # (Z, C, J) Distances from each of them, m: lower bounds that are exact where it is near
 
     @cached_property
     def least(self) -> Array:
@@ -86,16 +71,6 @@ class Room:
 
 @dataclass(frozen=True)
 class Size:
-    """How large the ellipses of zones are taken to be.
-
-    Attributes
-    ----------
-    share : float
-        Of their size.
-    latest : float
-        When they stop to grow at the latest, s from now: what comes after that will be known better by then.
-    """
-
     share: float = 1.0
     latest: float = math.inf
 
@@ -105,40 +80,16 @@ WHOLE = Size()
 
 @dataclass(frozen=True)
 class Family:
-    """All of some courses driven by all of some profiles: K P dodges, the profiles of the first course first.
+    """All of some courses driven by all of some profiles: K P dodges, the profiles of the first course first."""
 
-    Attributes
-    ----------
-    courses : Courses
-        In the planning frame.
-    profiles : DodgeProfiles
-    lead, length : (K, P) arrays
-        How far it is to the turns, and of them, m.
-    """
-
-    courses: Courses
+    courses: Courses  # In the planning frame
     profiles: DodgeProfiles
-    lead: Array
-    length: Array
+    lead: Array  # (K, P) m
+    length: Array  # (K, P) m
 
     @classmethod
     def of(cls, courses: Courses, profiles: DodgeProfiles, limits: Limits, radius: float, turning_at: float) -> Family:
-        """Return the dodges of a vehicle.
-
-        Parameters
-        ----------
-        courses : Courses
-        profiles : DodgeProfiles
-        limits : Limits
-        radius : float
-            Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
-        turning_at : float
-            When they are in the middle of their turns, at the latest, s; 0: they turn from the beginning on.
-
-        Returns
-        -------
-        Family
-        """
+        """Return the dodges of a vehicle."""
         fastest = profiles.fastest
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
@@ -150,11 +101,10 @@ class Family:
 
     @property
     def size(self) -> int:
-        """How many dodges there are."""
+        """Number of dodges."""
         return self.length.size
 
     def every(self, stride: int) -> Family:
-        """The same with every so manieth course, from the first one on."""
         return Family(self.courses.every(stride), self.profiles, self.lead[::stride], self.length[::stride])
 
     def driven(self, times: Array) -> tuple[Array, Array]:
@@ -163,25 +113,6 @@ class Family:
         return place.reshape(self.size, len(times), 2), heading.reshape(self.size, len(times))
 
     def extents(self, batch: ZoneBatch, offset: Array, squared: Array, times: Array, until: Array) -> Array:
-        """How far ellipses of zones reach towards the vehicle.
-
-        Parameters
-        ----------
-        batch : ZoneBatch
-        offset : (2, U, K P, J) array
-            Of the vehicle from the centres of the U uncertain ones, m.
-        squared : (U, K P, J) array
-            Of its length, m2.
-        times : (J,) array
-            s from now.
-        until : (P,) array
-            When they stop to grow, by the profile that is driven, s from now.
-
-        Returns
-        -------
-        (U, K P, J) array
-            m.
-        """
         assert batch.covariances is not None
         count, profiles = self.length.shape
         still = times > until[:, None]
@@ -225,26 +156,13 @@ class Family:
 
 @dataclass(frozen=True)
 class Dodges:
-    """C dodges of one or two families, looked at together.
-
-    Attributes
-    ----------
-    families : tuple of Family
-    wait : float
-        For how long a vehicle is to stand at the end, s.
-    times : (J,) array
-        s from now.
-    position : (C, J, 2) array
-        m, in the planning frame.
-    heading : (C, J) array
-        rad.
-    """
+    """C dodges of one or two families, looked at together."""
 
     families: tuple[Family, ...]
-    wait: float
-    times: Array
-    position: Array
-    heading: Array
+    wait: float  # For how long a vehicle is to stand at the end, s
+    times: Array  # (J,) s from now
+    position: Array  # (C, J, 2) m, in the planning frame
+    heading: Array  # (C, J) rad
 
     @classmethod
     def of(
@@ -258,29 +176,7 @@ class Dodges:
         both_ways: bool = False,
         bend: Bend = GRADUAL,
     ) -> Dodges:
-        """Return the dodges of a vehicle.
-
-        Parameters
-        ----------
-        heading : float or None
-            In the planning frame, rad; None: free.
-        profiles : DodgeProfiles
-        ahead : float
-            Direction of interest, rad.
-        limits : Limits
-        radius : float
-            Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
-        wait : float
-            For how long it is to stand at the end, s.
-        both_ways : bool
-            Whether it can set out against its heading too.
-        bend : Bend
-            How it turns, if it has a heading.
-
-        Returns
-        -------
-        Dodges
-        """
+        """Return the dodges of a vehicle."""
         families: tuple[Family, ...]
         if heading is None:
             late, turning_at = profiles.last(BENT_PROFILES), BEND_TIME * 2.0 * radius / limits.speed
@@ -301,10 +197,7 @@ class Dodges:
         return cls(families, wait, times, position, headings)
 
     def few(self, zones: int, samples: int) -> Dodges:
-        """So few of them that a look at so many zones is one at so many samples, where there are too many.
-
-        Their directions are as far apart as before, in proportion, and each has all speeds; at least one is left.
-        """
+        """So few of them that a look at so many zones is one at so many samples, where there are too many."""
         most = max(samples // max(zones * len(self.times), 1), 1)
         stride = math.ceil(len(self.position) / most)
         if stride == 1:
@@ -313,7 +206,6 @@ class Dodges:
 
     @cached_property
     def until(self) -> Array:
-        """When each has been over for as long as it is to stand, (C,) s from now."""
         stands = [np.tile(family.profiles.stands, len(family.courses.turn)) for family in self.families]
         return np.concatenate(stands) + self.wait
 
@@ -328,23 +220,7 @@ class Dodges:
     def room(
         self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float = 0.0, near: Index | None = None
     ) -> Room:
-        """Look how far the vehicle keeps from all zones, and from the border of the workspace.
-
-        Parameters
-        ----------
-        batch : ZoneBatch
-            In the planning frame, inflated by the vehicle.
-        box : Box
-        vehicle : Vehicle
-        unseen : float
-            Time to the next replan, s.
-        near : array of int, optional
-            Which zones are looked at; None: all that any dodge may come near to.
-
-        Returns
-        -------
-        Room
-        """
+        """Look how far the vehicle keeps from all zones, and from the border of the workspace."""
         if near is None:
             near = self.within_reach(batch, vehicle)
         (room,) = self.rooms(batch, box, vehicle, unseen, near, (WHOLE,))
@@ -353,10 +229,7 @@ class Dodges:
     def rooms(
         self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
     ) -> list[Room]:
-        """Look how far it keeps from some zones of which ellipses are of such sizes; see :meth:`room`.
-
-        They do not grow any more from when the vehicle stands, and has looked again.
-        """
+        """Look how far it keeps from some zones of which ellipses are of such sizes; see :meth:`room`."""
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
         zones, shaped = batch.subset(rounds), [_of_size(batch.subset(others), size) for size in sizes]
@@ -378,11 +251,7 @@ class Dodges:
         return [Room(numbers, one) for one in least]
 
     def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float, sizes: tuple[Size, ...]) -> Array:
-        """Distances to S sizes of zones without outlines, (S, L, C, J) m, towards their centres: never too large.
-
-        Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
-        thousands, whose intermediate results leave the processor's cache.
-        """
+        """Distances to S sizes of zones without outlines, (S, L, C, J) m, towards their centres: never too large."""
         distance = np.empty((len(sizes), batch.size, *place.shape[:-1]))
         for part in in_parts(batch.size, place[..., 0].size):
             some = np.arange(part.start, part.stop)

@@ -1,11 +1,4 @@
-"""Out of the way: what is driven where no trip to the goal can be left for a stop that stays clear.
-
-What is promised is that the vehicle is not hit, not that it stands. So it leaves along a dodge
-(`scp_planner.online.dodges`) that keeps clear until it stands, and for a while after that. Of several such the one is
-driven that soon gains most of the way to the goal, less what its nearness to zones is worth: people turn by more than
-their zones allow for, and who is near cannot be evaded then. What comes nearly into zones, or into them where nothing
-is safe, counts as harm, the more the sooner and deeper.
-"""
+"""Out of the way: what is driven where no trip to the goal can be left for a stop that stays clear."""
 
 from __future__ import annotations
 
@@ -31,11 +24,11 @@ from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
 
 PACE_KEPT = 0.9
-"""Of how long looks took, if the next one is faster."""
+"""Share of the last pace that is kept, if the next look is faster."""
 HARM_TAKES = 3.0
 """Looks that finding the expected harm takes as long as."""
 STEADY = 0.75
-"""Of the harm to be expected of what is being driven, what another may do at most for the vehicle to change over..."""
+"""Share of the expected harm of the trip under way that another may have at most, for the vehicle to change over..."""
 EVEN = 0.02
 """...and harm that makes no difference: of those that differ by no more, the one that is worth most is driven."""
 HURRIED = 1_000_000
@@ -53,37 +46,14 @@ _SHARES = np.linspace(0.0, 1.0, SPANS + 1)
 
 @dataclass(frozen=True)
 class Dodge:
-    """A dodge that was chosen.
-
-    Attributes
-    ----------
-    trip : Trip
-    certificate : Certificate
-        Up to when it is over.
-    clear : float
-        How long it keeps clear, s from now, as far as samples tell; inf until it is over.
-    leaves : float
-        From when on it keeps clear until it is over, s from now, as far as samples tell; inf for never.
-    lasts : bool
-        Whether that is longer than it takes to stop.
-    least : float
-        The least clearance until then, m, as far as samples tell.
-    blocked_by : str or None
-        Which zone keeps the vehicle from coming nearer to the goal; None for none, or the border of the workspace.
-    threat : str or None
-        Which zone it enters first, or comes nearest to.
-    moves : bool
-        Whether the vehicle does not just stand.
-    nears : bool
-        Whether it leads nearer to the goal.
-    """
+    """A dodge that was chosen."""
 
     trip: Trip
-    certificate: Certificate
+    certificate: Certificate  # Up to when it is over
     clear: float
-    leaves: float
+    leaves: float  # From when on it keeps clear until it is over, s from now, as far as samples tell; inf for never
     lasts: bool
-    least: float
+    least: float  # The least clearance until then, m, as far as samples tell
     blocked_by: str | None
     threat: str | None
     moves: bool
@@ -91,21 +61,17 @@ class Dodge:
 
     @property
     def safe(self) -> bool:
-        """Whether it is certified until the vehicle has stood for as long as it has to."""
+        """True if it is certified until the vehicle has stood for as long as it has to."""
         return self.certificate.holds
 
     @property
     def outcome(self) -> Outcome:
-        """What driving it is called."""
         return Outcome.EVADING if self.moves else Outcome.BRAKING
 
 
 @dataclass(frozen=True)
 class _SeenDodges:
-    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that.
-
-    Zones that none comes near to are left out; and it may be that there was the time for few dodges alone.
-    """
+    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that."""
 
     moment: Moment
     dodges: Dodges
@@ -122,17 +88,7 @@ class _SeenDodges:
 
 
 class Evasion:
-    """Finds a way out of the way.
-
-    Parameters
-    ----------
-    means : Means
-
-    Attributes
-    ----------
-    outlooks : DodgeOutlooks
-        What is seen of dodges.
-    """
+    """Finds a way out of the way."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -141,26 +97,12 @@ class Evasion:
         self._each = 0.0  # s that it took to see how far one dodge keeps from one zone
 
     def safest(self, now: Replan) -> Dodge | None:
-        """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much.
-
-        None if none is certified.
-        """
+        """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much."""
         view = self._looked(now)
         return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
 
     def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
-        """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops.
-
-        Parameters
-        ----------
-        now : Replan
-        others : sequence of Stop
-            The first of them is what is being driven, if that is one.
-
-        Returns
-        -------
-        Dodge or Stop
-        """
+        """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops."""
         view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
         times, standing = view.dodges.times, STANDING_HARM
         if not self._means.gives_way_late:
@@ -190,17 +132,13 @@ class Evasion:
         return self._gone_on_with(now.moment, self._seen_of(now, stop), stop)
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
-        """What is seen of a stop, or of what is being driven, at which it has been looked already."""
         view = self._looked(now)
         if view.begun is not None and view.going_on is not None and stop.trip is view.begun.trip:
             return view.going_on
         return self.outlooks.of_stop(now.moment, stop, view.dodges.times)
 
     def going_on(self, now: Replan) -> Dodge | None:
-        """Go on getting out of the way as before, where that is safe and no new dodge does better; None if not.
-
-        New dodges begin to turn as if the vehicle drove straight on. If each replan began one, it would never turn.
-        """
+        """Go on getting out of the way as before, where that is safe and no new dodge does better; None if not."""
         view = self._looked(now)
         if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
             return None
@@ -208,10 +146,6 @@ class Evasion:
         return found if found.safe else None
 
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
-        """What was begun, if it is certified, worth nearly as much as all new that is clear, and more than least, m.
-
-        What does hardly better now may do hardly worse at the next replan: who always takes the best turns to and fro.
-        """
         view = self._looked(now)
         if view.begun is None or view.going_on is None or np.isfinite(view.going_on.clear[0]):
             return None
@@ -223,7 +157,6 @@ class Evasion:
         return found if found.safe else None
 
     def begun(self, now: Replan) -> Stop | None:
-        """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
         moment, last = now.moment, now.last
         if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
             return None
@@ -231,23 +164,11 @@ class Evasion:
         return stop if stop.stands > moment.state.time else None
 
     def _gone_on_with(self, moment: Moment, seen: Outlook, stop: Stop) -> Dodge:
-        """What was begun, as one dodge, among the zones of a moment in which that is seen of it."""
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
         return self._dodge(moment, seen, 0, stop.trip, certificate)
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
-        """A certified dodge that does clearly better than going on with a trip; None if there is none.
-
-        Parameters
-        ----------
-        now : Replan
-        trip : Trip
-            That is safe too.
-
-        Returns
-        -------
-        Dodge or None
-        """
+        """A certified dodge that does clearly better than going on with a trip; None if there is none."""
         moment, view = now.moment, self._looked(now)
         seen, least = view.seen, self.outlooks.worth_of(moment, trip, view.dodges.times)
         least += BETTER * 2.0 * moment.scenario.vehicle.radius
@@ -274,7 +195,6 @@ class Evasion:
         return None
 
     def _looked(self, now: Replan) -> _SeenDodges:
-        """What is seen in a moment, looked at once: at few dodges first, where there may be no time for all."""
         if self._view is None or self._view.moment is not now.moment:
             moment = now.moment
             self.outlooks.note(moment)
@@ -294,7 +214,6 @@ class Evasion:
         return self._view
 
     def _seen(self, now: Replan, dodges: Dodges, near: Index) -> Outlook:
-        """What is seen of some dodges; and how long it takes."""
         now.lap("evasion")
         begin, pairs = now.clock, len(dodges.position) * len(near)
         seen = self.outlooks.of(now.moment, dodges, near)
@@ -304,7 +223,6 @@ class Evasion:
         return seen
 
     def _with_time_for(self, now: Replan, looks: float) -> _SeenDodges:
-        """What is seen, of few dodges where there is no time for so many further looks at as many."""
         view = self._looked(now)
         if not view.hurried and now.late_after(looks * self._each * view.pairs):
             few = view.dodges.few(now.moment.batch.size, HURRIED)
@@ -328,7 +246,6 @@ class Evasion:
         return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways, bend)
 
     def _soon(self, moment: Moment) -> float:
-        """How long it takes to stop, after the next replan, s."""
         return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
     def _made(self, moment: Moment, dodges: Dodges, seen: Outlook, number: int) -> Dodge:

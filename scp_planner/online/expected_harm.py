@@ -1,10 +1,4 @@
-"""What is to be expected of what is driven where nothing is safe: how likely the vehicle is touched, and how it drives.
-
-A dodge is certified against zones that stop to grow when the vehicle stands, since it sees them come then. Where
-nothing is safe that is no measure: it would have the vehicle stand and be hit, among zones that are small because it
-stands, rather than leave among zones that grow meanwhile. So zones are looked at here that grow for the same while for
-all, as what they are: normal errors about expected centres.
-"""
+"""Expected harm of a trip where nothing is safe: probability of contact and the speed at it."""
 
 from __future__ import annotations
 
@@ -29,8 +23,8 @@ from scp_planner.trips.trip import Trip
 PART = 0.1
 """Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach."""
 STANDING_HARM, CREEPING_HARM = 0.5, 0.75
-"""What it counts to be touched while the vehicle stands, or creeps, if it counts 1 while it drives at its top speed.
-Where it gives way early, among people who do not look, it is no better to stand than to creep."""
+"""Cost of a contact while the vehicle stands, or creeps, relative to one at its top speed. Where it gives way early,
+among people who do not look, it is no better to stand than to creep."""
 SETTING_OFF = 0.4
 """Share of how much less it counts to stand than to creep, that it counts besides to drive while it is touched."""
 GROWS = 0.5
@@ -42,26 +36,7 @@ LEAST_DEVIATION = 1e-9
 
 
 def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float) -> Array:
-    """Return the harm to be expected of dodges, (C,), between 0 and 1.
-
-    That is how probable it is that the vehicle is touched, by each obstacle at the worst time, and for how long by one
-    that touches it now; less where it drives slowly or stands then, and less the later that is.
-
-    Parameters
-    ----------
-    moment : Moment
-    dodges : Dodges
-    box : Box
-        The workspace in the planning frame.
-    confidence : Confidence
-        Of the zones.
-    standing : float
-        What it counts to be touched while the vehicle stands.
-
-    Returns
-    -------
-    (C,) array
-    """
+    """Return the harm to be expected of dodges, (C,), between 0 and 1."""
     vehicle = moment.scenario.vehicle
     whole = _grown(moment.batch, vehicle)
     near, spared = dodges.within_reach(whole, vehicle), np.ones(len(dodges.position))
@@ -76,23 +51,7 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
 def harms_of_trips(
     moment: Moment, trips: Sequence[Trip], times: Array, confidence: Confidence, standing: float
 ) -> Array:
-    """Return the same of trips that are being driven, or stops, (n,).
-
-    Parameters
-    ----------
-    moment : Moment
-    trips : sequence of Trip
-    times : (J,) array
-        s from now.
-    confidence : Confidence
-        Of the zones.
-    standing : float
-        What it counts to be touched while the vehicle stands.
-
-    Returns
-    -------
-    (n,) array
-    """
+    """Return the same of trips that are being driven, or stops, (n,)."""
     if not trips:
         return np.zeros(0)
     vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
@@ -113,13 +72,11 @@ def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
 
 
 def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
-    """How many standard deviations the extents of zones are."""
     uncertain = max(len(batch.uncertain), 1)
     return math.sqrt(marginal_scale(str(confidence.level), confidence.probability, 1, uncertain))
 
 
 def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float) -> tuple[Array, Array, Array]:
-    """What it counts to be touched at places (C, J, 2), m, (C, J), at times (J,), s, (J,), and to set off so, (C,)."""
     speed = np.zeros(place.shape[:2])
     speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
     drives = CREEPING_HARM + (1.0 - CREEPING_HARM) * np.minimum(speed / vehicle.max_speed, 1.0)

@@ -1,4 +1,4 @@
-"""What is driven where nothing better than the last plan is found: that plan, its path slower, or a stop."""
+"""Fallbacks where nothing better than the last plan is found: that plan, its path slower, or a stop."""
 
 from __future__ import annotations
 
@@ -33,13 +33,6 @@ HOPELESS = 1.0
 
 
 class Fallback:
-    """What is driven where nothing better than the last plan is found.
-
-    Parameters
-    ----------
-    means : Means
-    """
-
     def __init__(self, means: Means) -> None:
         self._means = means
         self._evasion = Evasion(means)
@@ -50,22 +43,7 @@ class Fallback:
         self._evasion.outlooks.be_patient(waited)
 
     def fall_back(self, now: Replan, fresh: Renewal, last: OnlinePlan | None, refusal: Refusal) -> OnlinePlan:
-        """Keep the last plan, or drive its path slower, or brake.
-
-        Parameters
-        ----------
-        now : Replan
-        fresh : Renewal
-            With what is left of the last trip, also of one that does not lead to the goal.
-        last : OnlinePlan or None
-            To drive on by.
-        refusal : Refusal
-            Of what is left of it, improved or as it is.
-
-        Returns
-        -------
-        OnlinePlan
-        """
+        """Keep the last plan, or drive its path slower, or brake."""
         moment = now.moment
         why = refusal.why or NO_TIME
         if last is not None:
@@ -126,7 +104,6 @@ class Fallback:
         return self._least_harmful(now, fresh, why)
 
     def _least_harmful(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
-        """What does least harm where nothing stays clear: to go on, a stop, or a dodge."""
         begun, others = self._evasion.begun(now), self._goes_on(now)
         for trip in () if now.moment.state.speed <= STANDING else self._stops(now, fresh):
             stop = Stop(trip, trip.frame.time)
@@ -164,7 +141,6 @@ class Fallback:
         return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
     def _goes_on(self, now: Replan) -> list[Stop]:
-        """What is being driven, if the vehicle is on that, and it is not over."""
         begun, last = self._evasion.begun(now), now.last
         if begun is not None:
             return [begun]
@@ -204,7 +180,6 @@ class Fallback:
         return None
 
     def _what_holds(self, now: Replan, dodge: Dodge) -> str:
-        """What is certified of a dodge that is not safe, in words: how long it keeps clear, or from when on."""
         moment, begin, unit = now.moment, now.moment.state.time, self._means.units.time
         whom = dodge.threat or "the border"
         stop = Stop(dodge.trip, dodge.trip.frame.time)
@@ -238,7 +213,6 @@ class Fallback:
 
 
 def _what(dodge: Dodge) -> str:
-    """What is done, and for whom, in words."""
     whom = dodge.blocked_by or dodge.threat
     nears = "nears the goal as far as is safe" if dodge.safe else "nears the goal"
     if whom is None:

@@ -1,14 +1,4 @@
-"""How far a vehicle may be from where its plan has it, and where that is allowed for.
-
-Of a tube (`scp_planner.estimation.tracking`) the part that there is even when the vehicle stands makes the vehicle
-larger. What speed and turns add, certificates add piece by piece: who drives slowly, stops or stands is not kept as far
-away as who drives fast. Trips are planned with room for the most that it can be, so that they are certified then.
-
-A vehicle follows its plan if, braking at once from the state that is reported, it stays within the tracking error of
-the plan's own stop: with T the time that a stop from top speed V takes, a distance of d, a difference of speed of dv
-and one of heading of dh make at most d + T dv + V T dh / 2. Tolerances of speed and heading that are given are asked
-for in place of their terms.
-"""
+"""Distance between the vehicle and its plan, and the allowance for it."""
 
 from __future__ import annotations
 
@@ -54,24 +44,10 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Following:
-    """How a vehicle follows its plan.
-
-    Attributes
-    ----------
-    vehicle : Vehicle
-        Larger by what it may be off when it stands.
-    largest : float
-        The most that it may be off, m.
-    speed, heading : float or None
-        The most that its speed, m/s, and heading, rad, may be off; None: what leaves it within ``largest``.
-    tube : TrackingTube or None
-        What it may be off besides when it drives.
-    """
-
-    vehicle: Vehicle
-    largest: float
-    speed: float | None = None
-    heading: float | None = None
+    vehicle: Vehicle  # Larger by what it may be off when it stands
+    largest: float  # The most that it may be off, m
+    speed: float | None = None  # The most that its speed, m/s, and heading, rad, may be off; None
+    heading: float | None = None  # The most that its speed, m/s, and heading, rad, may be off; None
     tube: TrackingTube | None = None
 
     @classmethod

@@ -1,10 +1,4 @@
-"""Foreseen zones: those that will be looked at when the vehicle gets there.
-
-The zone of an obstacle at a time t, predicted now, grows with t; but by then newer observations will have been made.
-The planner never needs to know more than where an obstacle will be within its *foresight*, about the time that it needs
-to stop. So beyond the foresight the foreseen zone does not grow, about the centre that is expected now; it even
-shrinks, as an obstacle that is seen for longer is known better.
-"""
+"""Foreseen zones: those that will be looked at when the vehicle gets there."""
 
 from __future__ import annotations
 
@@ -25,23 +19,9 @@ _STEPS = np.diff(LONGER)
 
 @dataclass(frozen=True)
 class Learning:
-    """What an estimate of a polynomial motion is made from: how it will improve by going on like this.
-
-    Attributes
-    ----------
-    order : int
-    count : int
-        Observations.
-    span : float
-        From the first to the last of them, s.
-    change : float
-        Variance of a change of acceleration that may begin at any moment, about which nothing will be learnt, over that
-        of the noise, 1/s^4.
-    """
-
     order: int
-    count: int
-    span: float
+    count: int  # Observations
+    span: float  # From the first to the last of them, s
     change: float = 0.0
 
 
@@ -52,11 +32,7 @@ def least_noise(covariance: bytes) -> float:
 
 
 def _variances(learning: Sequence[Learning], lead: float) -> Array:
-    """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n).
-
-    With n observations spread evenly over T one is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
-    polynomials, times the noise; what a change of acceleration adds stays.
-    """
+    """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n)."""
     each = np.array([(one.order, one.count, one.span, one.change) for one in learning])
     orders, count, now, change = each.T[:, :, None]
     span = now + LONGER
@@ -67,22 +43,7 @@ def _variances(learning: Sequence[Learning], lead: float) -> Array:
 
 
 def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning], now: float = 0.0) -> ZoneBatch:
-    """Zones that do not grow beyond the foresight, but shrink with what will be learnt; see the head of this module.
-
-    Parameters
-    ----------
-    batch : ZoneBatch
-    foresight : float
-        s.
-    learning : mapping of str to Learning
-        By the ids of the zones; the others keep their size.
-    now : float
-        What the clock of the batch shows now, s.
-
-    Returns
-    -------
-    ZoneBatch
-    """
+    """Zones that do not grow beyond the foresight, but shrink with what will be learnt; see the head of this module."""
     if batch.covariances is None:
         return batch
     covariances = batch.covariances

@@ -1,4 +1,4 @@
-"""Where the next observations of obstacles are expected: polynomials of the time since a moment."""
+"""Predicted observations of obstacles: polynomials of the time since a moment."""
 
 from __future__ import annotations
 
@@ -21,48 +21,26 @@ _CENTER_TERMS, _COVARIANCE_TERMS = POLYNOMIAL_TERMS, POLYNOMIAL_TERMS + 1  # ran
 
 @dataclass(frozen=True)
 class Later:
-    """What is predicted of times that are not near, where one polynomial does not do, of absolute time.
-
-    Attributes
-    ----------
-    centers, covariances : PiecewisePolynomials
-        Of one obstacle.
-    """
-
     centers: PiecewisePolynomials
     covariances: PiecewisePolynomials
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """An estimate as one polynomial each of time since an origin, to gate observations with.
+    """An estimate as one polynomial each of time since an origin, to gate observations with."""
 
-    Attributes
-    ----------
-    origin : float
-        s.
-    center : (P, 2) array
-    covariance : (P, 3) array
-        Not scaled.
-    errors : ErrorLaw
-    later : Later or None
-        For predictions of times far ahead, where the polynomials are only for what is seen next.
-    """
-
-    origin: float
-    center: Array
-    covariance: Array
+    origin: float  # s
+    center: Array  # (P, 2)
+    covariance: Array  # (P, 3) Not scaled
     errors: ErrorLaw
-    later: Later | None = None
+    later: Later | None = None  # For predictions of times far ahead
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Where it is expected at a time from the origin on, (2,) m, and the covariance's elements, (3,) m^2."""
         if self.later is not None:
             return self.later.centers.grid(np.array([time]))[0, 0], self.later.covariances.grid(np.array([time]))[0, 0]
         return self._soon(time)
 
     def _soon(self, time: float) -> tuple[Array, Array]:
-        """The same by the polynomials."""
         powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
         return powers[: len(self.center)] @ self.center, powers[: len(self.covariance)] @ self.covariance
 
@@ -84,23 +62,12 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Predictions of n obstacles for times that are not near, of absolute time.
-
-    Attributes
-    ----------
-    slots : (n,)
-    breaks : (S + 1,) array
-        s.
-    centers : (n, S, P, 2) array
-        m.
-    covariances : (n, S, Q, 3) array
-        m^2.
-    """
+    """Predictions of n obstacles for times that are not near, of absolute time."""
 
     slots: Index
-    breaks: Array
-    centers: Array
-    covariances: Array
+    breaks: Array  # (S + 1,) s
+    centers: Array  # (n, S, P, 2) m
+    covariances: Array  # (n, S, Q, 3) m^2
 
     def at(self, which: Index, times: Array) -> tuple[Array, Array]:
         """Centers (2, n) m and covariances (3, n) m^2 of some of them at times (n,)."""
@@ -114,26 +81,13 @@ class Pieces:
 
 @dataclass(frozen=True)
 class _Frame:
-    """Predictions that were made together.
+    """Predictions that were made together."""
 
-    Attributes
-    ----------
-    start : float
-        When, s.
-    kinds : (K,) array of int
-        What they are compared as; `UNJUDGED`: not at all.
-    origin : (K,) array
-        s.
-    center : (P, 2, K) array
-    covariance : (Q, 3, K) array
-    later : tuple of Pieces
-    """
-
-    start: float
-    kinds: Index
-    origin: Array
-    center: Array
-    covariance: Array
+    start: float  # s
+    kinds: Index  # (K,)
+    origin: Array  # (K,) s
+    center: Array  # (P, 2, K)
+    covariance: Array  # (Q, 3, K)
     later: tuple[Pieces, ...]
 
     def of(self, slots: Index) -> Index:
@@ -142,7 +96,6 @@ class _Frame:
         return np.where(slots < room, self.kinds[np.minimum(slots, room - 1)], UNJUDGED)
 
     def at(self, slots: Index, times: Array) -> tuple[Array, Array]:
-        """Where they are expected at times (n,): (n, 2) m, and covariances (n, 3) m^2."""
         lag = times - self.origin[slots]
         center, covariance = _at(self.center[..., slots], lag), _at(self.covariance[..., slots], lag)
         for pieces in self.later:
@@ -157,36 +110,14 @@ class _Frame:
 
 @dataclass(frozen=True)
 class Compared:
-    """What is seen of n obstacles, beside what had been predicted of it.
-
-    Attributes
-    ----------
-    which : (n,)
-        Of what is seen.
-    kinds : (n,)
-        Of the predictions.
-    offset : (n, 2) array
-        What is seen less what was predicted, m.
-    covariance : (n, 3) array
-        Of the prediction, m^2.
-    """
-
     which: Index
     kinds: Index
-    offset: Array
-    covariance: Array
+    offset: Array  # (n, 2) m
+    covariance: Array  # (n, 3) m^2
 
 
 class Foretold:
-    """Predictions of K obstacles, each in a slot of its own.
-
-    Attributes
-    ----------
-    known : (K,) bool
-        Of whom there is one.
-    kinds : (K,) array of int
-        What they are compared as; `UNJUDGED`: not at all.
-    """
+    """Predictions of K obstacles, each in a slot of its own."""
 
     def __init__(self) -> None:
         self.known = np.zeros(0, dtype=bool)
@@ -211,17 +142,7 @@ class Foretold:
                 frame.kinds[slot] = UNJUDGED
 
     def put(self, slots: Index, origin: float, center: Array, covariance: Array) -> None:
-        """Take in predictions, which are not compared unless they are of a kind.
-
-        Parameters
-        ----------
-        slots : (n,)
-        origin : float
-            s.
-        center : (n, P, 2) m
-        covariance : (n, Q, 3) m^2
-            Elements xx, xy, yy. Not scaled, and without the noise of what is seen.
-        """
+        """Take in predictions, which are not compared unless they are of a kind."""
         self.known[slots], self._origin[slots], self.kinds[slots] = True, origin, UNJUDGED
         for held, given in ((self._center, center), (self._covariance, covariance)):
             held[..., slots] = 0.0
@@ -242,21 +163,7 @@ class Foretold:
         self.kinds[:] = UNJUDGED
 
     def compared(self, slots: Index, times: Array, positions: Array, lead: float, late: float) -> list[Compared]:
-        """Compare what is seen with the newest predictions that are older than a lead, but not by too much.
-
-        Parameters
-        ----------
-        slots : (n,)
-        times : (n,) s
-        positions : (n, 2) m
-        lead, late : float
-            How much older at least, and how much more than that at most, s.
-
-        Returns
-        -------
-        list of Compared
-            Of predictions that were made together; nothing of what there is no such prediction of.
-        """
+        """Compare what is seen with the newest predictions that are older than a lead, but not by too much."""
         starts = np.array([frame.start for frame in self._kept])
         frames = np.searchsorted(starts, times - lead, "right") - 1
         found = []
@@ -270,20 +177,7 @@ class Foretold:
         return found
 
     def squares(self, slots: Index | slice, times: Array, positions: Array, noise: Array) -> Array:
-        """Squared standardised errors of what is seen, (n,).
-
-        Parameters
-        ----------
-        slots : (n,)
-        times : (n,) s
-        positions : (n, 2) m
-        noise : (n, 2, 2) m^2
-
-        Returns
-        -------
-        (n,)
-            0 where there is no prediction, or where the polynomial is no covariance, far from its origin.
-        """
+        """Squared standardised errors of what is seen, (n,)."""
         lag = times - self._origin[slots]
         x, y = positions.T - _at(self._center[..., slots], lag)
         xx, xy, yy = _at(self._covariance[..., slots], lag)

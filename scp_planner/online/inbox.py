@@ -29,24 +29,12 @@ MOST_NAMED = 5
 
 @dataclass(frozen=True)
 class Sighting:
-    """An observation of an obstacle, in the units of the scene.
+    """An observation of an obstacle, in the units of the scene."""
 
-    Attributes
-    ----------
-    obstacle : str
-        Its id.
-    time : float
-        s.
-    position : (x, y)
-        m.
-    covariance : (2, 2) array or None
-        m2.
-    """
-
-    obstacle: str
-    time: float
-    position: tuple[float, float]
-    covariance: Array | None
+    obstacle: str  # Its id
+    time: float  # s
+    position: tuple[float, float]  # m
+    covariance: Array | None  # (2, 2) m2
 
 
 @dataclass(frozen=True)
@@ -61,31 +49,6 @@ class Gone:
 
 
 class Inbox:
-    """What has been observed and not been taken in yet.
-
-    Parameters
-    ----------
-    obstacles : ObstacleTracks
-        That take it in.
-    units : NaturalUnits
-        Of the scene: notes are in those of the user.
-    start : float
-        Time at which the clock of the replans begins, s.
-    online : SceneOnlineSettings
-        Longest time between replans, and after which an obstacle that is not seen has gone.
-
-    Attributes
-    ----------
-    notes : deque of str
-        What was odd about observations, the newest last.
-    gone : dict of str to Gone
-        Obstacles that were removed or forgotten.
-    stamps : Stamps
-        What is held back, since its stamp is later than the clock of the replans.
-    work : Lock
-        Held by whoever works on the obstacles.
-    """
-
     def __init__(
         self, obstacles: ObstacleTracks, units: NaturalUnits, start: float, online: SceneOnlineSettings
     ) -> None:
@@ -97,15 +60,11 @@ class Inbox:
         self._queue: deque[Sighting | Update | Forecast] = deque()
 
     def __bool__(self) -> bool:
-        """Whether there is anything in it."""
+        """True if there is anything in it."""
         return bool(self._queue)
 
     def put(self, one: Sighting | Update | Forecast) -> None:
-        """Take an observation, or what a tracker or a predictor says.
-
-        What is seen at about the same time is taken in together: when it is needed, or when there is as much of it as
-        there are obstacles. A replan that is at work takes it in itself.
-        """
+        """Take an observation, or what a tracker or a predictor says."""
         self._queue.append(one)
         if len(self._queue) >= len(self.obstacles.tracks):
             self.settle()
@@ -138,10 +97,7 @@ class Inbox:
         self._take_in_frame(frame)
 
     def _in_time(self, replanning: bool) -> Iterator[Sighting | Update | Forecast]:
-        """Give what was held back and is due, then what has come since.
-
-        A stamp that is too late for a replan is held back; between replans it waits for the next one to tell.
-        """
+        """Give what was held back and is due, then what has come since."""
         latest = self.stamps.latest(replanning)
         yield from self.stamps.due()
         while self._queue:
@@ -208,7 +164,7 @@ class Inbox:
             self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 
     def knows(self, name: str) -> bool:
-        """Whether an obstacle of that name has ever been added."""
+        """True if an obstacle of that name has ever been added."""
         return name in self.obstacles.tracks or name in self.gone
 
     def forget(self, time: float) -> None:

@@ -1,12 +1,4 @@
-"""How improbable the newest innovations are, over windows of several lengths.
-
-The *innovations* of a motion, standardised, are independent and standard normal as long as the motion and the noise are
-what they are taken for (R. L. Brown, J. Durbin, J. M. Evans, *Techniques for testing the constancy of regression
-relationships over time*, J. R. Statist. Soc. B 37 (1975)). Two things are tested:
-
-- their *trend*: their sum, weighted like the path of a motion whose acceleration has changed, which is normal;
-- their *size*: the sum of their squares, which is chi-square.
-"""
+"""Improbability of the newest innovations, over windows of several lengths."""
 
 from __future__ import annotations
 
@@ -55,25 +47,10 @@ def cut(innovations: Array) -> Array:
 
 
 def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) -> Reals:
-    """How improbable the newest innovations are, window by window.
-
-    Parameters
-    ----------
-    x, y, squares : (..., ring, n)
-        Of the newest innovations, as `cut` gives them, the newest last; 0 where there is none.
-    probability : float
-        Of a window to be called improbable though all is as it is taken for.
-
-    Returns
-    -------
-    (..., windows, n)
-        The larger of what trend and size are as multiples of their limits; above 1: improbable.
-    """
     return larger_of(trends_of(x, y), squares, probability)
 
 
 def larger_of(trends: Reals, squares: Reals, probability: float) -> Reals:
-    """What `windows_of` gives, of trends that are known (..., windows, n)."""
     sizes: Reals = _members(squares.dtype, probability) @ squares
     return np.maximum(sizes, trends / (-2.0 * math.log(probability)), out=sizes)  # a float leaves 32 bits what they are
 

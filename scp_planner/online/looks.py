@@ -42,7 +42,7 @@ SPARED, SPARED_FALLING_BACK = 1, 2
 """Steps fewer of a look are taken in a replan while there is a plan to drive, or a dodge or a stop, which is looked at
 in the same replan."""
 GRIDS = (Fineness(), Fineness(stations=0.45), Fineness(stations=0.225))
-"""Of the search for ways; from one that was cut off, the next look goes on to the next..."""
+"""Grids of the search for ways: after one that was cut off, the next look takes the next..."""
 IN_GOOD_TIME = 1.0 / 3.0
 """...and back to a finer one after a search that has found a way in less than this share of the time that it had."""
 HOPELESS = 0.05
@@ -51,34 +51,18 @@ HOPELESS = 0.05
 
 @dataclass
 class Look:
-    """A look at other ways round, which goes on from replan to replan.
-
-    Attributes
-    ----------
-    runs : int
-        How many more ways are to be tried.
-    cutoff : float
-        Units of time; only ways that may be faster are looked for.
-    starts : iterator of Trip or None
-        What is left to start from; None where it is still looked for.
-    trip : Trip or None
-        What has come of the one that is being tried...
-    steps : int
-        ...after so many steps of the loop.
-    begun : bool
-        Whether a start has been asked for.
-    """
+    """A look at other ways round, which goes on from replan to replan."""
 
     runs: int
-    cutoff: float
+    cutoff: float  # Units of time; only ways that may be faster are looked for
     starts: Iterator[Trip | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
-    steps: int = 0
+    steps: int = 0  # ...after so many steps of the loop
     begun: bool = False
 
     @property
     def over(self) -> bool:
-        """Whether the last way has been tried."""
+        """True if the last way has been tried."""
         return self.trip is None and self.runs <= 0
 
     def begin_next(self) -> bool:
@@ -95,12 +79,7 @@ class Look:
 
 
 class Looks:
-    """Looks at other ways round, and what is remembered of them between replans.
-
-    Parameters
-    ----------
-    means : Means
-    """
+    """Looks at other ways round, and what is remembered of them between replans."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -112,14 +91,11 @@ class Looks:
 
     @property
     def under_way(self) -> bool:
-        """Whether there is a way that is being tried."""
+        """True if there is a way that is being tried."""
         return self._look is not None and self._look.trip is not None
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:
-        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive.
-
-        And none where even a straight way without obstacles would not be faster enough.
-        """
+        """True if there is to be a look at other ways in this replan: at once where there is nothing to drive."""
         if now.last is None:
             return True  # a plan is worth waiting for only where there is none at all
         every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
@@ -136,21 +112,7 @@ class Looks:
         return in_time
 
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
-        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan.
-
-        Parameters
-        ----------
-        now : Replan
-        loop : ScpLoop
-        best : Vetted or None
-            What is driven, if that leads to the goal.
-
-        Returns
-        -------
-        Vetted or None
-        str
-            What came of it, in words.
-        """
+        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         began, problem, first = perf_counter(), loop.problem, now.last is None
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
@@ -171,7 +133,6 @@ class Looks:
         return found, said
 
     def _spared(self, now: Replan, any_will_do: bool) -> int:
-        """How many steps fewer are taken in a replan in which there is something else to drive."""
         if not any_will_do:
             return SPARED
         return SPARED_FALLING_BACK if self._means.gives_way_late and now.last is not None and now.last.safe else 0
@@ -179,10 +140,7 @@ class Looks:
     def _try_ways(
         self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
     ) -> tuple[Vetted | None, str]:
-        """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
-
-        For a first plan all ways are tried, and the fastest is returned.
-        """
+        """Go on with a look; return the first way that is clear and fast enough, or."""
         problem, first = loop.problem, now.last is None
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
         left = most * self._means.online.first_runs
@@ -249,10 +207,7 @@ class Looks:
 
     @staticmethod
     def _is_hopeful(now: Replan, evaluation: Evaluation) -> bool:
-        """Whether a way that is not clear may become so: others move on, limits do not.
-
-        A vehicle that stands waits for a clear way rather than creep into a dead end.
-        """
+        """True if a way that is not clear may become so: others move on, limits do not."""
         return now.moment.state.speed > STANDING and evaluation.limit_violation <= HOPELESS
 
 

@@ -29,14 +29,7 @@ _NORMAL = NormalErrors()
 
 @dataclass(frozen=True)
 class Level:
-    """The level of confidence that zones are made for.
-
-    Attributes
-    ----------
-    confidence : Confidence
-    estimated : int
-        How many obstacles are not known exactly.
-    """
+    """The level of confidence that zones are made for."""
 
     confidence: Confidence
     estimated: int
@@ -47,21 +40,7 @@ class Level:
         return alpha_of_one(str(self.confidence.level), self.confidence.probability, self.estimated)
 
     def scales(self, count: int, lengths: Callable[[], Array], terms: int | None = None) -> Array:
-        """Give q for so many motions of known noise, (n,).
-
-        Parameters
-        ----------
-        count : int
-            n.
-        lengths : callable
-            Gives their standardised lengths, (n,): what holds at one time does not depend on them.
-        terms : int or None
-            Of motions that are polynomials.
-
-        Returns
-        -------
-        (n,) array
-        """
+        """Give q for so many motions of known noise, (n,)."""
         if self.confidence.level is ConfidenceLevel.PER_TIME:
             return np.full(count, _NORMAL.pointwise_scale(self.alpha))
         every = lengths().tolist()  # who has been seen together for as long has the same
@@ -71,76 +50,34 @@ class Level:
 
 @dataclass(frozen=True)
 class Sizing:
-    """What regions of n obstacles are sized by, see `scp_planner.online.regions`.
-
-    Attributes
-    ----------
-    leads : (n, H) array
-        Times ahead for which sizes are known, s; all but the first are the same for all.
-    kinds : (n,) array of int
-        Of the predictions.
-    sizes : (n, H) array
-        Linear between leads; see `scp_planner.estimation.conformal.sized`.
-    """
-
-    leads: Array
-    kinds: Index
-    sizes: Array
+    leads: Array  # (n, H) Times ahead for which sizes are known, s; all but the first are the same for all
+    kinds: Index  # (n,)
+    sizes: Array  # (n, H) Linear between leads; see `scp_planner.estimation.conformal.sized`
 
     def among(self, some: Index) -> Sizing:
-        """Those of some obstacles."""
         return Sizing(self.leads[some], self.kinds[some], self.sizes[some])
 
     @cached_property
     def others(self) -> Index:
-        """Those whose regions are not right as they are."""
         return np.flatnonzero((self.sizes != 1.0).any(axis=1))
 
 
 @dataclass(frozen=True)
 class Future:
-    """Where K obstacles are expected, as polynomials of the time since the beginning of each of S pieces.
-
-    Attributes
-    ----------
-    breaks : (S + 1,) array
-        Absolute times, s.
-    centers : (K, S, P, 2) array
-        m.
-    covariances : (K, S, Q, 3) array
-        Elements xx, xy, yy, not scaled, m^2.
-    """
-
-    breaks: Array
-    centers: Array
-    covariances: Array
+    breaks: Array  # (S + 1,) Absolute times, s
+    centers: Array  # (K, S, P, 2) m
+    covariances: Array  # (K, S, Q, 3) Elements xx, xy, yy, not scaled, m^2
 
 
 def zones_of_mixtures(
     tracks: Sequence[ObstacleTrack], mixtures: Mixture, start: float, level: Level, sizing: Sizing | None = None
 ) -> list[ThreatZone]:
-    """Make the zones of motions that mixtures of filters predict, all at once.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    mixtures : Mixture
-        Of each, at the start.
-    start : float
-        Absolute time from which on the zones hold, s.
-    level : Level
-    sizing : Sizing, optional
-
-    Returns
-    -------
-    list of ThreatZone
-    """
+    """Make the zones of motions that mixtures of filters predict, all at once."""
     scales = level.scales(len(tracks), partial(lengths_of, mixtures))
     return made_zones(tracks, future_of(mixtures, start), scales, sizing)
 
 
 def future_of(mixtures: Mixture, start: float) -> Future:
-    """What mixtures predict from a time on, s, at which they are given: one piece."""
     center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
     covariance = mixtures.errors[:, :, [0, 0, 1], [0, 1, 1]]
     return Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
@@ -167,23 +104,7 @@ def lengths_of(mixtures: Mixture) -> Array:
 def times_linear(
     covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array | None = None
 ) -> PiecewisePolynomials:
-    """Multiply covariances by factors that are linear between leads after their start, and constant after the last.
-
-    Parameters
-    ----------
-    covariances : PiecewisePolynomials
-        Of K zones over the same pieces: entries xx, xy, yy.
-    leads : (H,) array
-        s, from 0 on, increasing.
-    factors : (K, H) array
-    added : (K, H) array, optional
-        What is then added to the variances in every direction, m^2, linear between leads too.
-
-    Returns
-    -------
-    PiecewisePolynomials
-        Of K zones, over the same pieces as each other.
-    """
+    """Multiply covariances by factors that are linear between leads after their start, and constant after the last."""
     breaks, whole = covariances.breakpoints[0], covariances.coefficients
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
     begins, widths = edges[:-1], np.diff(edges)
@@ -208,23 +129,7 @@ def made_zones(
     sizing: Sizing | None = None,
     soon: Future | None = None,
 ) -> list[ThreatZone]:
-    """Zones of covariances that are so many times those of a future, and what is seen next is expected by it.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    future : Future
-        Of each.
-    scales : (K,) array
-    sizing : Sizing, optional
-        Then it is kept what is predicted, to be compared with what comes.
-    soon : Future, optional
-        One piece for what is seen next, where the future has several.
-
-    Returns
-    -------
-    list of ThreatZone
-    """
+    """Zones of covariances that are so many times those of a future, and what is seen next is expected by it."""
     start = float(future.breaks[0])
     center, covariance = _foretold(tracks, future, sizing, soon)
     scaled = scales[:, None, None, None] * future.covariances
@@ -271,23 +176,7 @@ def _foretold(
 
 
 def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Array]:
-    """Covariances of some obstacles, (n,), sized linearly in time between leads, and constantly after the last.
-
-    Parameters
-    ----------
-    future : Future
-        Of K.
-    some : (n,)
-    sizing : Sizing
-        Of K. Where the future has several pieces, sizes are linear between their ends, and up to the last lead.
-
-    Returns
-    -------
-    (n, E + 1) array
-        Ends of the pieces, s.
-    (n, E, Q + 1, 3) array
-        Their coefficients, m^2.
-    """
+    """Covariances of some obstacles, (n,), sized linearly in time between leads, and constantly after the last."""
     leads, sizes = sizing.leads[some], sizing.sizes[some]
     start, count = future.breaks[0], len(some)
     if len(future.breaks) == 2:
@@ -326,12 +215,7 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
 
 
 def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
-    """Standardised lengths over `HORIZON` of K motions, (K,).
-
-    From the covariances of the error (K, P, 2, 2), of it with its rate (K, Q, 2, 2), and of its rate (K, R, 2, 2),
-    polynomials of time of at most six terms. Errors turn in the time in which the velocity blurs the position, then
-    ever more slowly.
-    """
+    """Standardised lengths over `HORIZON` of K motions, (K,)."""
     nodes, weights = length_rule()
     scale = np.sqrt(np.trace(error[:, 0], axis1=1, axis2=2) / np.trace(rate[:, 0], axis1=1, axis2=2))
     last = np.log1p(HORIZON / scale)

@@ -1,4 +1,4 @@
-"""What the parts of a planner share: a replan that is under way, and what is done in several places of it."""
+"""A replan under way: state and operations that several parts of a planner share."""
 
 from __future__ import annotations
 
@@ -46,45 +46,29 @@ CLEAR_WIDTHS = 4.0
 comes nearer by then hits it."""
 
 SOON = (0.125, 0.25, 0.5)
-"""Of the first span: where the slope of an acceleration that does not jump may change besides, since a trip goes on
-with what the last one has come to, such as brakes that are to be let go of at once."""
+"""Share of the first span in which the slope of an acceleration that does not jump may change besides, as when
+brakes are released."""
 
 
 @dataclass
 class Replan:
-    """One call of `Planner.replan`.
+    """One call of `Planner.replan`."""
 
-    Attributes
-    ----------
-    moment : Moment
-        With the newest observations.
-    began, deadline : float
-        On the computer's clock, s.
-    last : OnlinePlan or None
-        The last answer.
-    cycle : int
-        Its number.
-    timings : dict of str to float
-        Wall time of each stage, s.
-    clock : float
-        When the last stage ended.
-    """
-
-    moment: Moment
-    began: float
-    deadline: float
-    last: OnlinePlan | None
-    cycle: int
-    timings: dict[str, float] = field(default_factory=dict)
+    moment: Moment  # With the newest observations
+    began: float  # On the computer's clock, s
+    deadline: float  # On the computer's clock, s
+    last: OnlinePlan | None  # The last answer
+    cycle: int  # Its number
+    timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
 
     @property
     def late(self) -> bool:
-        """Whether the deadline has passed."""
+        """True if the deadline has passed."""
         return self.late_after(0.0)
 
     def late_after(self, work: float) -> bool:
-        """Whether the deadline will have passed after work that takes so long, s."""
+        """True if the deadline will have passed after work that takes so long, s."""
         return perf_counter() + work > self.deadline
 
     def lap(self, stage: str) -> None:
@@ -95,36 +79,6 @@ class Replan:
 
 
 class Means:
-    """What the parts of a planner share.
-
-    Parameters
-    ----------
-    given : Scenario
-        Vehicle, goal and bounds.
-    settings : SceneSettings
-        Of the loop.
-    online : SceneOnlineSettings
-    inbox : Inbox
-    following : Following
-    units : NaturalUnits
-        Of the scene.
-    solver : QpSolver
-        Of the subproblems.
-
-    Attributes
-    ----------
-    vetting : Vetting
-        Decides what may be driven.
-    breakpoints : tuple of float
-        Of the acceleration of all trips, in normalised time.
-    wait : float
-        For how long a stop must stay clear after the vehicle stands, s.
-    braking : Braking
-        How the vehicle brakes, with the margin of its limits.
-    gives_way_late : bool
-        Whether it drives on by a trip that will do, and gives way where there is none.
-    """
-
     def __init__(
         self,
         given: Scenario,
@@ -198,7 +152,6 @@ class Means:
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
 
     def roomy(self, problem: Problem, share: float = 1.0) -> Problem | None:
-        """The same problem with more room from those whose motion may change unnoticed; None if there are none."""
         room = share * ROOM_DEVIATIONS * self.obstacles.noise_deviations(problem.zones.ids)
         return problem.among(problem.zones.inflated(room)) if room.any() else None
 
@@ -228,11 +181,7 @@ class Means:
         fineness: Fineness,
         part: int = BRANCHES,
     ) -> Iterator[Trip | None]:
-        """Give trips along the ways to the goal that may be faster than a cutoff, s, as it is when each is asked for.
-
-        Bows where there is none. The search ends at a deadline, on the computer's clock, as it is when each is asked
-        for; what it has not found by then is not there. None is given between parts of it, of so many branches each.
-        """
+        """Give trips along the ways to the goal that may be faster than a cutoff, s."""
         any_way = False
         search = WaySearch(problem, fineness=fineness, deadline=deadline())
         for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME, part):

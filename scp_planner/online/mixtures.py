@@ -1,8 +1,4 @@
-"""The filters that zones go by where motions are not what they are taken for, and the mixture that they make.
-
-With white jerk and with white acceleration, of different sizes, in units of the noise of what is observed: one filter
-serves both components and any shape of the noise. Those of `scp_planner.online.waves` are there besides.
-"""
+"""The filters that zones go by where motions are not what they are taken for, and the mixture that they make."""
 
 from __future__ import annotations
 
@@ -24,13 +20,7 @@ SWERVES = (0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class FilterModels:
-    """The filters, and what they begin with.
-
-    Attributes
-    ----------
-    velocity_deviation, acceleration_deviation : float
-        Of each component, before anything was seen, m/s and m/s^2.
-    """
+    """The filters, and what they begin with."""
 
     velocity_deviation: float
     acceleration_deviation: float
@@ -55,7 +45,7 @@ class FilterModels:
 
     @property
     def size(self) -> int:
-        """How many filters there are in all."""
+        """Number of filters in all."""
         return len(self.filters) + len(self.swings.rates)
 
     @cached_property
@@ -74,27 +64,17 @@ class FilterModels:
 
 
 _ROWS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-"""Where each element of a symmetric matrix is in `FilterStates.spread`."""
+"""Place of each element of a symmetric matrix in `FilterStates.spread`."""
 
 
 @dataclass
 class FilterStates(SlotStates):
-    """States of filters with white jerk and white acceleration.
+    """States of filters with white jerk and white acceleration."""
 
-    Attributes
-    ----------
-    mean : (3, 2, M, K)
-        Position, velocity, acceleration, m, m/s, m/s^2.
-    spread : (6, M, K)
-    diffusions : (M, 2)
-        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
-    """
-
-    diffusions: Array
+    diffusions: Array  # Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5
 
     @classmethod
     def none(cls, diffusions: Array) -> FilterStates:
-        """Of no obstacles."""
         return cls(np.zeros((3, 2, len(diffusions), 0)), np.zeros((6, len(diffusions), 0)), diffusions)
 
     @property
@@ -132,12 +112,10 @@ class FilterStates(SlotStates):
 
 @lru_cache(maxsize=256)
 def _steps(lag: float, diffusions: bytes) -> tuple[Array, Array, Array]:
-    """What `_moved` gives for one lag, s, which all have."""
     return _moved(lag, np.frombuffer(diffusions).reshape(-1, 2))
 
 
 def _moved(t: Array | float, diffusions: Array) -> tuple[Array, Array, Array]:
-    """What moves states and spreads on by lags (K,), s, or by one, and what is added to spreads, (6, M, K or 1)."""
     one, none = (np.ones_like(t), np.zeros_like(t)) if isinstance(t, np.ndarray) else (1.0, 0.0)
     square = t * t
     half, cube = 0.5 * square, square * t
@@ -172,24 +150,10 @@ def even(blocks: Array) -> Array:
 
 @dataclass(frozen=True)
 class Mixture:
-    """What several filters together predict of K obstacles: mean and covariance of their mixture.
-
-    Attributes
-    ----------
-    mean : (K, 3, 2)
-        Position, velocity, acceleration, m, m/s, m/s^2.
-    covariance : (K, 3, 2, 3, 2)
-        Of these.
-    diffusion : (K, 2)
-        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5...
-    shape : (K, 2, 2)
-        ...times this.
-    """
-
-    mean: Array
+    mean: Array  # Position, velocity, acceleration, m, m/s, m/s^2
     covariance: Array
-    diffusion: Array
-    shape: Array
+    diffusion: Array  # Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5
+    shape: Array  # ...times this
 
     @cached_property
     def noises(self) -> Array:
@@ -213,11 +177,9 @@ class Mixture:
         )
 
     def of(self, some: Index | slice) -> Mixture:
-        """Those of some obstacles."""
         return Mixture(self.mean[some], self.covariance[some], self.diffusion[some], self.shape[some])
 
     def after(self, leads: Array) -> Mixture:
-        """What there is after each of some leads (T,), s, without noise on the way: of T K obstacles, lead by lead."""
         moved = np.eye(3) + leads[:, None, None] * np.eye(3, k=1)
         moved[:, 0, 2] = 0.5 * leads * leads
         count = len(leads)

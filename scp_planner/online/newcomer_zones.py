@@ -1,9 +1,4 @@
-"""Zones of many newcomers at once: polynomial motions of one order that have not been seen for long.
-
-What they are estimated from is a prior besides their few observations, so the errors are not those of a regression:
-velocity and acceleration are not known in proportion to the noise. Each alone is estimated by
-`scp_planner.estimation.recursive`; a crowd that comes into view is too much work for that.
-"""
+"""Zones of many newcomers at once: polynomial motions of one order that have not been seen for long."""
 
 from __future__ import annotations
 
@@ -26,39 +21,15 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 @dataclass(frozen=True)
 class Primed:
-    """K motions, estimated from observations and a prior, in powers of the time since their centres.
+    """K motions, estimated from observations and a prior, in powers of the time since their centres."""
 
-    Attributes
-    ----------
-    some : (K,) array of int
-        Which of those that were given are determined by that, in order.
-    coefficients : (K, p, 2) array
-        Relative to their origins, m/s^k.
-    covariance : (K, p, 2, p, 2) array
-        Of their errors.
-    """
-
-    some: Index
-    coefficients: Array
-    covariance: Array
+    some: Index  # (K,)
+    coefficients: Array  # (K, p, 2) Relative to their origins, m/s^k
+    covariance: Array  # (K, p, 2, p, 2)
 
     @classmethod
     def of(cls, roots: SquareRoots, noise: Array, prior: MotionPrior) -> Primed:
-        """Estimate motions of order 1 or 2.
-
-        Parameters
-        ----------
-        roots : SquareRoots
-            What their observations tell.
-        noise : (K, 2, 2) array
-            Covariance of every observation of each, m^2.
-        prior : MotionPrior
-            The same for all, at the last observation of each; it tells something.
-
-        Returns
-        -------
-        Primed
-        """
+        """Estimate motions of order 1 or 2."""
         count, p = roots.factor.shape[:2]
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         seen = (roots.factor[:, :, None, :, None] * whiten[:, None, :, None, :]).reshape(count, 2 * p, 2 * p)
@@ -83,12 +54,7 @@ def _at_last(prior: MotionPrior, last: Array, p: int) -> tuple[Array, Array]:
 
 
 def _determined(r: Array, sizes: Array, rows: int) -> Array:
-    """Whether designs of so many rows have full rank beyond doubt, as `numpy.linalg.matrix_rank` means it.
-
-    By their triangular factors (K, m, m) and the sizes of their columns (K, m). With columns of size 1 the singular
-    values but the least have a product of at most sqrt(e), as the sum of the squares of all is m; and the product of
-    all is that of the diagonal.
-    """
+    """True if designs of so many rows have full rank beyond doubt, as `numpy.linalg.matrix_rank` means it."""
     scaled = np.abs(np.diagonal(r, axis1=1, axis2=2)) / np.maximum(sizes, np.finfo(float).tiny)
     least = scaled.prod(axis=1) / math.sqrt(math.e)
     return np.asarray(least > np.sqrt(r.shape[-1]) * max(rows, r.shape[-1]) * np.finfo(float).eps)
@@ -97,24 +63,7 @@ def _determined(r: Array, sizes: Array, rows: int) -> Array:
 def newcomers_together(
     tracks: Sequence[ObstacleTrack], roots: SquareRoots, prior: MotionPrior, start: float, level: Level
 ) -> dict[str, ThreatZone]:
-    """Make the zones of newcomers of one order whose noise is known, all at once.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    roots : SquareRoots
-        What has been seen of each.
-    prior : MotionPrior
-        Of all of them.
-    start : float
-        Absolute time from which on the zones hold, s.
-    level : Level
-
-    Returns
-    -------
-    dict of str to ThreatZone
-        By id; without those whose motion is not determined.
-    """
+    """Make the zones of newcomers of one order whose noise is known, all at once."""
     primed = Primed.of(roots, np.array([track.known_noise for track in tracks]), prior)
     some = primed.some
     if not len(some):
@@ -138,15 +87,7 @@ def newcomers_together(
 
 
 def _of_time(errors: Array, first: int, second: int) -> Array:
-    """Covariances of so manieth derivatives of errors, as polynomials of time, (K, POLYNOMIAL_TERMS, 2, 2).
-
-    Parameters
-    ----------
-    errors : (K, 2, 2, p, p) array
-        Covariances of the coefficients; the components come first.
-    first, second : 0 or 1
-        Derivatives.
-    """
+    """Covariances of so manieth derivatives of errors, as polynomials of time, (K, POLYNOMIAL_TERMS, 2, 2)."""
     p = errors.shape[-1]
     found = np.zeros((len(errors), POLYNOMIAL_TERMS, 2, 2))
     for j in range(first, p):

@@ -1,17 +1,4 @@
-"""Notice when obstacles are not what zones take them for, and say what to go by instead.
-
-Each observation is compared with what had been predicted of it (`scp_planner.online.innovations`). What follows where
-that was improbable, until predictions hold again:
-
-- **the model is widened, and memory shortened**: zones of an obstacle whose windows are improbable are those of a
-  mixture of filters, whose memories are as short as their motions are free (`scp_planner.online.mixtures`). The filters
-  always run. Those whose own windows are not improbable count, or else the freest, each as much as the observations
-  since the alarming window were probable under it. If they are as probable under the polynomial motion after all, and
-  its windows hold again, the alarm is called off;
-- **noise is re-estimated** over all obstacles together, see `scp_planner.online.sensor_noise`.
-
-All of it is done for many obstacles at once.
-"""
+"""Notice when obstacles are not what zones take them for, and say what to go by instead."""
 
 from __future__ import annotations
 
@@ -40,7 +27,7 @@ EVIDENCE = 32
 LITTLE = 1e-3
 """Weight that those who weave must have together to count: zones of what swings are of more pieces than others."""
 UNSURE = 1e-9
-"""Of what nothing is known yet, but for rounding."""
+"""Probability before anything is known, but for rounding."""
 _RING = WINDOWS[-1]
 _LAST = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks", "_whiten")
 """Arrays (..., K)."""
@@ -53,42 +40,6 @@ Where = Index | slice
 
 
 class Bank:
-    """What is known of many obstacles whose noise is known, each in a slot of its own.
-
-    Parameters
-    ----------
-    order : int
-        Of their polynomial motions.
-    widening : FilterModels
-    alarm_probability : float
-        Of a window, below which it is improbable.
-
-    Attributes
-    ----------
-    polynomials : RecursiveEstimator
-        Of the polynomial motions.
-    states : FilterStates
-        Of the filters.
-    swings : SwingStates
-        Of those of them that weave.
-    noise : float
-        Variance of the noise, as a multiple of what is declared.
-    count : (K,)
-        Observations.
-    last : (K,) s
-        Time of the last one.
-    alarmed : (K,) bool
-        Whether zones go by the filters, and not by the polynomial motion any more.
-    weights : (K, M)
-        Of the filters, of those that are alarmed.
-    gain : (K,)
-        Logarithm of how many times as likely what was seen since the alarm is with the filters as with the polynomial.
-    trend : (K,)
-        The largest squared trend of the polynomial motion's innovations over a window, chi-square with 2 degrees.
-    foretold : Foretold
-        Where the next observations are expected.
-    """
-
     def __init__(self, order: int, widening: FilterModels, alarm_probability: float = RARE) -> None:
         self.order, self.widening, self.alarm_probability = order, widening, alarm_probability
         self.polynomials = RecursiveEstimator(0, order, np.zeros((0, 2, 2)))
@@ -162,7 +113,6 @@ class Bank:
             states.mean, states.spread = longer(states.mean, size, -1), longer(states.spread, size, -1)
 
     def noise_of(self, slots: Index) -> Array:
-        """What the covariances of observations are taken for, (n, 2, 2) m^2."""
         return np.asarray(self.noise * self._sigma[slots])
 
     def misfits(self, slots: Index, times: Array, positions: Array) -> Array:
@@ -171,7 +121,7 @@ class Bank:
         return self.foretold.squares(where, times, positions, self.noise * self._sigma[where])
 
     def is_declared(self, slots: Index, covariances: Sequence[Array | None]) -> Mask:
-        """Whether observations of some obstacles, (n,), come with the covariance that is known, or without one."""
+        """True if observations of some obstacles, (n,), come with the covariance that is known, or without one."""
         given = [number for number, one in enumerate(covariances) if one is not None]
         same = np.ones(len(slots), dtype=bool)
         if given:
@@ -182,14 +132,7 @@ class Bank:
     # observations
 
     def update(self, slots: Index, times: Array, positions: Array) -> None:
-        """Take in one observation each of some obstacles, none of them before its last one.
-
-        Parameters
-        ----------
-        slots : (n,)
-        times : (n,) s
-        positions : (n, 2) m
-        """
+        """Take in one observation each of some obstacles, none of them before its last one."""
         if not len(slots):
             return
         where = _run(slots)
@@ -229,10 +172,7 @@ class Bank:
         self._feed(slots, slots, np.array([time]), position[None])
 
     def surprise(self, slots: Index, times: Array, positions: Array) -> Array:
-        """Squared standardised innovations that observations would be, (n,).
-
-        Of the freest filter, which nothing that moves surprises; and of the polynomial motion, where it is believed.
-        """
+        """Squared standardised innovations that observations would be, (n,)."""
         found, _ = self._polynomial_innovations(slots, times, positions)
         squares = np.where(self.alarmed[slots], 0.0, (found * found).sum(axis=0))
         known = self.count[slots] > 0
@@ -263,7 +203,6 @@ class Bank:
         self.polynomials.update(t, z, seen=seen)
 
     def _fed(self, where: Where) -> tuple[Array, Array]:
-        """What `_polynomial_innovations` gave before polynomials took in what they have taken in last."""
         found = self.polynomials.innovations
         share = found.share[where]
         sure = share > UNSURE
@@ -391,7 +330,7 @@ class Bank:
             self.alarmed[slots[false]] = False
 
     def _hold(self, where: Where, slots: Index, begin: Index) -> Mask:
-        """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
+        """True if each filter's own windows are not improbable, (M, n), of some obstacles."""
         first, end = int(slots.min()), int(slots.max()) + 1
         # most are all: it costs less to look where they are
         most = len(slots) < end - first < 2 * len(slots) and bool((begin == begin[0]).all())
@@ -401,16 +340,14 @@ class Bank:
         return holds[:, slots - first] if most else holds
 
     def weave(self, slots: Index) -> Mask:
-        """Whether those that weave count among the filters of some obstacles, (n,)."""
+        """True if those that weave count among the filters of some obstacles, (n,)."""
         return np.asarray(self.weights[slots, self._walks :].any(axis=1))
 
     def mixed(self, slots: Index, times: Array) -> Mixture:
-        """What the filters together predict for times (n,), s, not before the last observations."""
         swings = self._swings_at(slots, times)
         return self._mixture(slots, times, *swings.kinematic, self.widening.swings.driving)
 
     def settled(self, slots: Index, times: Array) -> Mixture:
-        """The same where nothing is known any more of how those that weave go on."""
         swings = self._swings_at(slots, times)
         return self._mixture(slots, times, *swings.settled(self._least[slots]), self.widening.swings.diffusions)
 
@@ -485,12 +422,10 @@ class _Places:
         rings[..., self.place, self.where] = values
 
     def put_twice(self, rings: Reals, values: Array) -> None:
-        """The same for double rings (..., 2 ring, K)."""
         rings[..., self.place, self.where] = values
         rings[..., self.place + _RING, self.where] = values
 
     def rows(self, rings: _Reals) -> _Reals:
-        """What is in double rings (..., 2 ring, K) from these places on, (..., ring, n)."""
         if isinstance(self.place, int):
             return rings[..., self.place : self.place + _RING, self.where]
         flat = (self.place + np.arange(_RING)[:, None]) * rings.shape[-1] + self.where

@@ -1,10 +1,4 @@
-"""Zones that follow observations: what a replanning vehicle knows of its obstacles.
-
-Every obstacle has a recursive estimate (`scp_planner.online.track`), updated by each observation in time that does not
-grow with their number. Zones of all obstacles are made together (`scp_planner.online.many_zones`), with the level of
-confidence that the scenario asks for; what they will have become when the vehicle gets there,
-`scp_planner.online.foresight` tells.
-"""
+"""Zones that follow observations: what a replanning vehicle knows of its obstacles."""
 
 from __future__ import annotations
 
@@ -64,18 +58,7 @@ INTERPOLATED = 0.01
 
 
 class ObstacleTracks:
-    """The obstacles that a planner knows of, in the natural units of its scene.
-
-    Parameters
-    ----------
-    confidence : Confidence
-        Level of the zones.
-    margin : float
-        Added to all zones, units of length.
-    newcomers : SceneNewcomers
-    watch : Watch
-        What is noticed, and what is allowed for.
-    """
+    """The obstacles that a planner knows of, in the natural units of its scene."""
 
     def __init__(
         self,
@@ -209,24 +192,7 @@ class ObstacleTracks:
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
     ) -> str | None:
-        """Take in one observation.
-
-        Parameters
-        ----------
-        name : str
-            Id of the obstacle.
-        time : float
-            When it was seen, s.
-        position : (x, y)
-            m.
-        covariance : (2, 2) array or None
-            Of the observation, m2; None: that of the obstacle's others.
-
-        Returns
-        -------
-        str or None
-            What is wrong with it, if it was not used.
-        """
+        """Take in one observation."""
         self._ready, track, one = None, self.tracks[name], Seen(time, position, covariance)
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known
@@ -262,19 +228,7 @@ class ObstacleTracks:
             track.covariances.append(one.covariance)
 
     def update(self, name: str, given: Estimate) -> str | None:
-        """Take what a tracker says of an obstacle in place of all that was known of it.
-
-        Parameters
-        ----------
-        name : str
-            Id of the obstacle.
-        given : Estimate
-
-        Returns
-        -------
-        str or None
-            What is wrong with it, if it was not used.
-        """
+        """Take what a tracker says of an obstacle in place of all that was known of it."""
         self._ready, track = None, self.tracks[name]
         if track.given is not None and given.time < track.given.time:
             return "it came too late, after a newer estimate"
@@ -287,7 +241,6 @@ class ObstacleTracks:
             self._learnt()
 
     def _learnt(self) -> Learnt:
-        """What zones are made from, whenever they are asked for."""
         if self._ready is None:
             tracks = SortedTracks.of(self.tracks.values())
             level = Level(self.confidence, tracks.uncertain)
@@ -343,7 +296,6 @@ class ObstacleTracks:
         return made
 
     def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> SettledTracks:
-        """What is learnt of tracks of one order that are settled."""
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
         suspicions = self._suspicions(tracks, level) if banked else None
         found = SettledTracks(tracks, self._roots(tracks), suspicions, banked, self.sizes)
@@ -351,7 +303,6 @@ class ObstacleTracks:
         return found
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
-        """What the estimates of simple tracks of one order are made from."""
         estimators = [track.estimator for track in tracks]
         if all(isinstance(one, NoticingTrack) for one in estimators):
             return self._banks[tracks[0].model.order].polynomials.roots.of(slots_of(tracks))
@@ -408,7 +359,6 @@ class ObstacleTracks:
         return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
 
     def learning(self) -> dict[str, Learning]:
-        """How estimates will improve, by id: those of polynomial motions."""
         some = [track for track in self.tracks.values() if learns(track)]
         change: dict[str, float] = {}
         if self.allowance.now > 0.0:
@@ -424,10 +374,7 @@ class ObstacleTracks:
         }
 
     def noise_deviations(self, ids: Sequence[str]) -> Array:
-        """Standard deviation of what is seen of obstacles, (n,) m; 0 of those whose motion is not taken for foretold.
-
-        That is, whose motion is given or has process noise, or that are noticed, or suspected, to do otherwise.
-        """
+        """Standard deviation of what is seen of obstacles, (n,) m."""
         noise = np.zeros((len(ids), 2, 2))
         for number, track in enumerate(map(self.tracks.get, ids)):
             believed = track is not None and isinstance(track.estimator, NoticingTrack) and track.settled

@@ -1,4 +1,4 @@
-"""What a replan gives."""
+"""Result of a replan."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scp_planner.trips.trip import Trip
 
 
 class Outcome(StrEnum):
-    """What a replan came to."""
+    """Result of a replan."""
 
     IMPROVED = "improved"
     """A new plan."""
@@ -72,5 +72,5 @@ class OnlinePlan(Plan):
 
     @property
     def safe(self) -> bool:
-        """Whether the vehicle can set off: the trip is certified to its end, or a stop from it is."""
+        """True if the vehicle can set off: the trip is certified to its end, or a stop from it is."""
         return self.certified or self.stop is not None

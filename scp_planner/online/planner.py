@@ -1,22 +1,4 @@
-"""Planning while driving: observe, refresh the zones, replan before a deadline, fall back if nothing better is safe.
-
-Each call of :meth:`Planner.replan` begins with what is left of the last plan, makes the zones anew from all that has
-been observed, and improves the trip by a few steps of the loop. Now and then it looks for other ways round.
-
-**What is promised.** A plan whose status is ``certified`` keeps clear of all zones, up to the goal. Zones of observed
-obstacles grow with time, so far ahead they may leave no room for any trip; a vehicle that waited for a trip that is
-certain to its end would often wait for ever. So a plan is also *safe* if the vehicle can begin it and still stop: a
-stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands, and has stood for a
-while. The trip itself is
-planned against *foreseen* zones, which are those that will be looked at when the vehicle gets there
-(`scp_planner.online.foresight`). With ``Safety.TRIP`` only whole trips will do.
-
-**What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
-it is ``repaired`` by driving the same path slower; the vehicle gets out of the way, ``evading``, along a short trip to
-where it stays clear, or stands if that is as good. Where nothing stays clear, it gets out of the way of the zones of
-the highest level at which that is found; or it brakes, certified until it stands, or is clear for as long as it can be.
-From all that the planner recovers by itself.
-"""
+"""Planning while driving: observe, refresh the zones, replan before a deadline, fall back if nothing better is safe."""
 
 from __future__ import annotations
 
@@ -64,11 +46,10 @@ from scp_planner.threat_zones.zone import ThreatZone
 logger = logging.getLogger(__name__)
 
 SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
-"""Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
-between samples."""
+"""Default settings of plans in the loop, where there is no time to make up for small violations between samples."""
 
 MOST_KEPT_BACK = 0.5
-"""Of a deadline: what replans took beyond theirs is kept back of the next ones', up to so much..."""
+"""Share of a deadline that is kept back at most for replans that took longer than theirs..."""
 OVERRUN_KEPT = 0.8
 """...and so much of that again at each replan after it."""
 
@@ -181,7 +162,7 @@ class Planner:
 
     @property
     def notes(self) -> deque[str]:
-        """What was odd about observations, the newest last."""
+        """Oddities of observations, the newest last."""
         self._inbox.settle()
         return self._inbox.notes
 
@@ -356,7 +337,7 @@ class Planner:
 
     @property
     def scenario(self) -> Scenario:
-        """What the last plan was made for: the state, what has been observed, and the planner's margin.
+        """Scenario of the last plan: the state, the observations so far, and the planner's margin.
 
         `scp_planner.certify` of this, of a plan that begins now and of ``tube`` says what the planner says.
         """
@@ -426,7 +407,6 @@ class Planner:
         return self.plan
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
-        """What does not hold and has not been told yet: of the last plan, of clocks, and of the speed, m/s."""
         yield from self._assumptions.broken(now.moment, self._last)
         yield from self._inbox.leads()
         fast, before = speeding(speed, self.given.vehicle.max_speed * self._units.speed), self._speeding
@@ -461,10 +441,6 @@ class Planner:
         return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration), front)
 
     def _front(self, time: float, heading: float | None) -> float | None:
-        """Where the front heads of a vehicle that was told to head so: that way, or the other if it did so before.
-
-        Since the last replan it has turned as the last plan does.
-        """
         before, last = self._state, self._last
         if heading is None or before is None or before.front is None or last is None:
             return heading

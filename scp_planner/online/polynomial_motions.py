@@ -1,7 +1,4 @@
-"""Polynomial motions of many obstacles at once: of one order, and seen with noise that is known.
-
-What is learnt of them when they are seen does not depend on when their zones are asked for, and is worked out before.
-"""
+"""Polynomial motions of many obstacles at once: of one order, and seen with noise that is known."""
 
 from __future__ import annotations
 
@@ -24,29 +21,15 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 @dataclass(frozen=True)
 class PolynomialMotions:
-    """K motions as they are estimated, in powers of the time since the middle of what was seen of each.
+    """K motions as they are estimated, in powers of the time since the middle of what was seen of each."""
 
-    Attributes
-    ----------
-    coefficients : (K, p, 2) array
-        Relative to their origins, m/s^k.
-    spread : (K, p, p) array
-        Covariance of each component of them, over that of the noise.
-    noise : (K, 3) array
-        Elements xx, xy, yy of the covariance of every observation, m^2.
-    origin : (K, 2) array
-        m.
-    first, last, middle : (K,) array
-        Of the observations, s.
-    """
-
-    coefficients: Array
-    spread: Array
-    noise: Array
-    origin: Array
-    first: Array
-    last: Array
-    middle: Array
+    coefficients: Array  # (K, p, 2) Relative to their origins, m/s^k
+    spread: Array  # (K, p, p) Covariance of each component of them, over that of the noise
+    noise: Array  # (K, 3) Elements xx, xy, yy of the covariance of every observation, m^2
+    origin: Array  # (K, 2) m
+    first: Array  # (K,) s
+    last: Array  # (K,) s
+    middle: Array  # (K,) s
 
     @classmethod
     def of(
@@ -56,22 +39,7 @@ class PolynomialMotions:
         manoeuvre: float = 0.0,
         suspicions: Suspicions | None = None,
     ) -> PolynomialMotions:
-        """Return motions of one order, as they are estimated.
-
-        Parameters
-        ----------
-        tracks : sequence of ObstacleTrack
-        roots : SquareRoots
-            What their estimates are made from.
-        manoeuvre : float
-            Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
-        suspicions : Suspicions, optional
-            Changes of acceleration that are likely by now.
-
-        Returns
-        -------
-        PolynomialMotions
-        """
+        """Return motions of one order, as they are estimated."""
         middle = roots.center
         first = np.array([track.times[0] for track in tracks])
         last = np.array([track.times[-1] for track in tracks])
@@ -93,22 +61,7 @@ class PolynomialMotions:
     def zones(
         self, tracks: Sequence[ObstacleTrack], start: float, level: Level, sizing: Sizing | None = None
     ) -> list[ThreatZone]:
-        """Make their zones.
-
-        Parameters
-        ----------
-        tracks : sequence of ObstacleTrack
-            Whose motions they are.
-        start : float
-            Absolute time from which on the zones hold, s.
-        level : Level
-        sizing : Sizing, optional
-
-        Returns
-        -------
-        list of ThreatZone
-            One for each track, in order.
-        """
+        """Make their zones."""
         count, terms = len(tracks), self.terms
         shift = shift_matrices(terms, start - self.middle)
         center = shift @ self.coefficients
@@ -174,11 +127,7 @@ def _products(terms: int) -> Array:
 
 
 def _lengths(spread: Array, start: Array, stop: Array) -> Array:
-    """Standardised lengths of K polynomial motions over spans of normalised time, (K,).
-
-    See `scp_planner.estimation.motion_estimate`: s = tan(angle), and the rows (1, s, s^2) become (cos^2, sin cos,
-    sin^2).
-    """
+    """Standardised lengths of K polynomial motions over spans of normalised time, (K,)."""
     order = spread.shape[1] - 1
     if order == 0:
         return np.zeros(len(spread))

@@ -1,7 +1,4 @@
-"""Profiles of dodges where the jerk is limited: to a level along ramps, on at that, and along ramps to a stop.
-
-They begin with the present acceleration, and have breakpoints of their own, where their ramps begin and end.
-"""
+"""Profiles of dodges where the jerk is limited: to a level along ramps, on at that, and along ramps to a stop."""
 
 from __future__ import annotations
 
@@ -20,45 +17,17 @@ from scp_planner.scenario.limits import Limits
 
 @dataclass(frozen=True)
 class RampedProfiles:
-    """P drives that end in a stop.
+    """P drives that end in a stop."""
 
-    Attributes
-    ----------
-    change, braking : Ramps
-        To the levels, and from them to a stop.
-    level : (P,) array
-        m/s.
-    cruise : (P,) array
-        For how long it is kept, s.
-    lasts : (P,) array
-        Until it has stood for as long as it has to, s.
-    """
-
-    change: Ramps
-    braking: Ramps
-    level: Array
-    cruise: Array
-    lasts: Array
+    change: Ramps  # To the levels, and from them to a stop
+    braking: Ramps  # To the levels, and from them to a stop
+    level: Array  # (P,) m/s
+    cruise: Array  # (P,) For how long it is kept, s
+    lasts: Array  # (P,) Until it has stood for as long as it has to, s
 
     @classmethod
     def of(cls, state: State, limits: Limits, jerk: float, width: float, wait: float) -> RampedProfiles:
-        """Return the profiles of a vehicle.
-
-        Parameters
-        ----------
-        state : State
-        limits : Limits
-        jerk : float
-            m/s^3.
-        width : float
-            Of the vehicle, m.
-        wait : float
-            For how long it is to stand at the end, s.
-
-        Returns
-        -------
-        RampedProfiles
-        """
+        """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits.speed, width)
         speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
         rise, fall, jerk = limits.acceleration * LIMIT_SHARE, limits.deceleration * LIMIT_SHARE, JERK_SHARE * jerk
@@ -81,7 +50,6 @@ class RampedProfiles:
 
     @property
     def stands(self) -> Array:
-        """When the vehicle stands, (P,) s from now."""
         found: Array = self.change.duration + self.cruise + self.braking.duration
         return found
 
@@ -93,7 +61,6 @@ class RampedProfiles:
 
     @cached_property
     def way(self) -> Array:
-        """How far they go, (P,) m."""
         return self.change.way + self.level * self.cruise + self.braking.way
 
     def distance(self, times: Array) -> Array:
@@ -106,7 +73,6 @@ class RampedProfiles:
         return changing + braking
 
     def drive(self, number: int) -> DodgeDrive:
-        """What one of them drives."""
         change, braking, whole = self.change, self.braking, float(self.lasts[number])
         begun = change.duration[number] + self.cruise[number]
         times = np.concatenate([change.knots[number], begun + braking.knots[number], [whole]])

@@ -1,13 +1,4 @@
-"""Changes of speed in which the acceleration does not jump: it rises or falls along ramps, with a largest slope.
-
-From speed v and acceleration a to speed w and no acceleration, as soon as limits allow: a ramp with the jerk j to a
-peak A, which is held if it is at its limit, and a ramp to nothing. Let u = v + a |a| / 2 j be the speed that is left
-where a is taken away at once. If w >= u, the peak is positive, and what the ramps gain is
-
-    (A^2 - a^2) / 2 j + A^2 / 2 j = w - v,    so    A = sqrt(j (w - v) + a^2 / 2);
-
-where that is above the limit, the limit is held for what is missing. If w < u it is the same with all signs changed.
-"""
+"""Changes of speed in which the acceleration does not jump: it rises or falls along ramps, with a largest slope."""
 
 from __future__ import annotations
 
@@ -19,7 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array, Mask
 
 JERK_SHARE = 0.9999
-"""Of the largest jerk, that ramps use: what rounding makes of the shortest ramps stays within it."""
+"""Share of the largest jerk that ramps use: rounding of the shortest ramps stays within it."""
 SLOWEST = 1e-10
 """Units of speed. Slower, with the little acceleration that a stop has then, a vehicle is taken to stand: what is left
 of its stop is rounding."""
@@ -28,43 +19,17 @@ _PHASES = 3
 
 @dataclass(frozen=True)
 class Ramps:
-    """n changes of speed of three phases: a ramp, a hold, a ramp.
+    """n changes of speed of three phases: a ramp, a hold, a ramp."""
 
-    Attributes
-    ----------
-    start_speed : (n,) array
-        m/s.
-    knots : (n, 4) array
-        When phases begin and end, s; some last for no time.
-    acceleration : (n, 4) array
-        Then, m/s^2; straight in between.
-    """
-
-    start_speed: Array
-    knots: Array
-    acceleration: Array
+    start_speed: Array  # (n,) m/s
+    knots: Array  # (n, 4)
+    acceleration: Array  # (n, 4) Then, m/s^2; straight in between
 
     @classmethod
     def between(
         cls, speed: Array, acceleration: Array, wanted: Array, rise: float, fall: float, jerk: float | Array
     ) -> Ramps:
-        """Return the fastest changes of speed.
-
-        Parameters
-        ----------
-        speed, acceleration : (n,) arrays
-            To begin with, m/s and m/s^2; an acceleration beyond its limit is the limit.
-        wanted : (n,) array
-            m/s, to be kept on.
-        rise, fall : float
-            Largest acceleration and deceleration, both positive, m/s^2.
-        jerk : float or (n,) array
-            m/s^3.
-
-        Returns
-        -------
-        Ramps
-        """
+        """Return the fastest changes of speed."""
         left = speed + acceleration * np.abs(acceleration) / (2.0 * jerk)
         sign = np.where(wanted >= left, 1.0, -1.0)
         begun = sign * acceleration
@@ -83,24 +48,7 @@ class Ramps:
 
     @classmethod
     def stopping(cls, speed: Array, acceleration: Array, deceleration: float, jerk: float) -> Ramps:
-        """Return the fastest stops.
-
-        A vehicle that brakes too hard for its speed would go backwards before it has let go of the brake: it lets go
-        with more jerk, and no limit is kept.
-
-        Parameters
-        ----------
-        speed, acceleration : (n,) arrays
-            m/s, not negative, and m/s^2.
-        deceleration : float
-            m/s^2.
-        jerk : float
-            m/s^3.
-
-        Returns
-        -------
-        Ramps
-        """
+        """Return the fastest stops."""
         still = (speed <= SLOWEST) & (acceleration <= 0.0)
         speed, acceleration = np.where(still, 0.0, speed), np.where(still, 0.0, acceleration)
         braking = np.minimum(acceleration, 0.0)

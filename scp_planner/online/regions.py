@@ -1,8 +1,4 @@
-"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.estimation.conformal`.
-
-Predictions of three kinds are told apart: of motions that are believed, of those that are noticed or suspected to do
-otherwise, and of those that are made alone. What nobody foretold is missing in the first only.
-"""
+"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.estimation.conformal`."""
 
 from __future__ import annotations
 
@@ -28,8 +24,8 @@ HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
 LATENESS = 0.1
 """An observation is compared with a prediction for it that is no older than that by this share of the longest."""
 MOST_COMPARED = 64
-"""Of more obstacles that are seen together, so many are compared every other time, over one horizon, all in turns:
-errors that follow each other tell much the same."""
+"""Number of obstacles that are compared every other time, over one horizon, all in turns, where more are seen
+together."""
 BELIEVED, NOTICED, ALONE = 0, 1, 2
 """Kinds of predictions."""
 _HORIZONS = HORIZONS.tolist()
@@ -37,29 +33,13 @@ _LATE = LATENESS * max(_HORIZONS)
 
 
 class RegionSizes:
-    """What has come of predictions, and how large regions have to be for that.
-
-    Parameters
-    ----------
-    alpha : float
-        The share of misses that is aimed at, between 0 and 1.
-    """
-
     def __init__(self, alpha: float) -> None:
         self.scales = AdaptiveScales(alpha, len(_HORIZONS), kinds=3)
         self._border = NormalErrors().pointwise_scale(alpha)
         self._turn = 0
 
     def learn(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
-        """Learn from what is seen of some obstacles of one bank or of none, one observation of each.
-
-        Parameters
-        ----------
-        tracks : sequence of ObstacleTrack
-            Before they take it in.
-        seen : sequence of Seen
-        newcomers : SceneNewcomers
-        """
+        """Learn from what is seen of some obstacles of one bank or of none, one observation of each."""
         alone = [number for number, track in enumerate(tracks) if track.foretold]
         if alone:
             self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone], newcomers)
@@ -147,7 +127,6 @@ class RegionSizes:
 
 
 def _covariances(zones: Sequence[ThreatZone]) -> PiecewisePolynomials:
-    """Those of zones over the same pieces."""
     every = [zone.covariances for zone in zones if zone.covariances is not None]
     return PiecewisePolynomials(every[0].breakpoints, np.concatenate([one.coefficients for one in every]))
 
@@ -158,7 +137,6 @@ def _predicted(track: ObstacleTrack) -> Prediction:
 
 
 def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
-    """What is seen, rows of time and position (n, 3), less what is foretold, (n, 2), and its covariances, (n, 3)."""
     lag = where[:, 0] - np.array([each.origin for each in told])
     later = [each.later for each in told]
     values = []

@@ -1,9 +1,4 @@
-"""What is left of a trip, as a trip of its own: the warm start of a replanning vehicle.
-
-Each replan happens in the planning frame of the present state, so that splines begin where the vehicle is. The path
-ahead is fitted again by least squares, its ends and its first direction fixed; the drive keeps the speeds that were
-planned. Where the vehicle is not quite where it should be, the path leads back to the old one.
-"""
+"""The rest of a trip as a trip of its own: the warm start of a replan."""
 
 from __future__ import annotations
 
@@ -37,7 +32,6 @@ class TripSamples:
 
 
 def _guide_from(guide: Sequence[tuple[float, float]], position: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """What is left of a polyline from the point nearest to a position on, beginning at the position."""
     points = np.array(guide)
     legs = np.diff(points, axis=0)
     squared = np.maximum((legs * legs).sum(axis=1), 1e-300)
@@ -63,7 +57,7 @@ WAY_BACK_TIMES = 8.0
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
 TINY_SHARE = 1e-9
-"""Of the time of a trip: rounding."""
+"""Share of a trip's duration: rounding."""
 GUIDE_STEP = 0.25
 """Units of length, between the points of a curved guide that nearest ones are looked for among."""
 MOST_STATIONS = 100_000  # of a guide, however far away the vehicle says that it is
@@ -71,52 +65,21 @@ MOST_STATIONS = 100_000  # of a guide, however far away the vehicle says that it
 
 @dataclass(frozen=True)
 class State:
-    """What a vehicle does at a time.
-
-    Attributes
-    ----------
-    time : float
-        Absolute, s.
-    position : (x, y)
-        m, world coordinates.
-    heading : float or None
-        rad; None: free, as for a vehicle that stands and can turn on the spot.
-    speed : float
-        m/s.
-    acceleration : float or None
-        Along the path, m/s^2; None: it may jump.
-    front : float or None
-        Where its front heads, rad, which is the other way while it drives backwards; None: as it drives.
-    """
-
-    time: float
-    position: tuple[float, float]
-    heading: float | None
-    speed: float
-    acceleration: float | None = None
+    time: float  # Absolute, s
+    position: tuple[float, float]  # m, world coordinates
+    heading: float | None  # rad; None: free, as for a vehicle that stands and can turn on the spot
+    speed: float  # m/s
+    acceleration: float | None = None  # Along the path, m/s^2; None: it may jump
     front: float | None = None
 
     @property
     def backwards(self) -> bool:
-        """Whether it drives with its front behind."""
+        """True if it drives with its front behind."""
         return self.heading is not None and self.front is not None and math.cos(self.heading - self.front) < 0.0
 
 
 def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
-    """Fit what is left of a trip at a state, in the space of a problem that begins there.
-
-    Parameters
-    ----------
-    problem : Problem
-        From ``state`` to the goal.
-    old : Trip
-    state : State
-
-    Returns
-    -------
-    Trajectory
-        In the planning frame of the problem.
-    """
+    """Fit what is left of a trip at a state, in the space of a problem that begins there."""
     trajectory = old.trajectory
     first = min(max((state.time - old.frame.time) / trajectory.travel_time, 0.0), 1.0)
     theta = _path(problem, old, first)
@@ -239,20 +202,7 @@ def _from(first: float | None, wanted: Array, change: Array) -> Array:
 
 
 def eased(problem: Problem, ahead: Trajectory, share: float) -> Array:
-    """Accelerations of a trip that eases off at first, and then goes on.
-
-    Parameters
-    ----------
-    problem : Problem
-    ahead : Trajectory
-    share : float
-        Of the planned acceleration that is left at first; the rest is braking.
-
-    Returns
-    -------
-    (K2,) array
-        m/s^2.
-    """
+    """Accelerations of a trip that eases off at first, and then goes on."""
     beta = ahead.beta.copy()
     least = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
     if problem.ends.start_acceleration is None:

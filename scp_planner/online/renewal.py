@@ -1,4 +1,4 @@
-"""What a replan renews a trip from; a replan that goes on with a dodge, or begins one, does not ask for it."""
+"""Starting points from which a replan renews a trip."""
 
 from __future__ import annotations
 
@@ -13,15 +13,7 @@ from scp_planner.trips.trip import Trip
 
 
 class Renewal:
-    """The problem of a replan, and what is left of the last trip in it: made when they are asked for.
-
-    Parameters
-    ----------
-    means : Means
-    now : Replan
-    unfinished : Trip, optional
-        What has come of an improvement of the last trip at the last replan, which is gone on with.
-    """
+    """The problem of a replan, and what is left of the last trip in it: made when they are asked for."""
 
     def __init__(self, means: Means, now: Replan, unfinished: Trip | None = None) -> None:
         self._means, self._now, self.unfinished = means, now, unfinished
@@ -35,14 +27,12 @@ class Renewal:
 
     @cached_property
     def loop(self) -> ScpLoop:
-        """The loop on it."""
         loop = ScpLoop(self.problem, self._means.solver)
         self._now.lap("problem")
         return loop
 
     @cached_property
     def ahead(self) -> Trajectory | None:
-        """What is left of the last trip, also of one that does not lead to the goal; None where there was none."""
         return None if self._now.last is None else self.left_of(self._now.last.trip)
 
     def left_of(self, trip: Trip) -> Trajectory:

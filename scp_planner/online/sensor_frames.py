@@ -1,9 +1,4 @@
-"""Observations of many obstacles that are taken in together, as a sensor gives them: a frame.
-
-Where nothing is odd about an observation - its obstacle follows a motion that is noticed about, it is the newest, its
-noise is the one that is known, and it is no outlier - it goes with all others of its kind into the bank at once
-(`scp_planner.online.noticing`). All others are taken in one by one.
-"""
+"""Observations of many obstacles that are taken in together, as a sensor gives them: a frame."""
 
 from __future__ import annotations
 
@@ -19,22 +14,7 @@ from scp_planner.online.track import ObstacleTrack, Seen
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
-    """Take in one observation each of different obstacles.
-
-    Parameters
-    ----------
-    obstacles : ObstacleTracks
-        That know all of them.
-    names : sequence of str
-        Ids of the obstacles, each at most once.
-    seen : sequence of Seen
-        One of each.
-
-    Returns
-    -------
-    list of str or None
-        What is wrong with each, if it was not used.
-    """
+    """Take in one observation each of different obstacles."""
     tracks = list(map(obstacles.tracks.__getitem__, names))
     banks = [_bank_of(track, one) for track, one in zip(tracks, seen, strict=True)]
     alone: list[int] = []

@@ -1,8 +1,4 @@
-"""How much larger the noise of a sensor is than it declares, from what neighbouring observations differ by.
-
-Noise is estimated over all obstacles together, from third differences of neighbouring positions, to which no motion
-contributes that is smooth over four observations; from their median, so outliers do not matter.
-"""
+"""Ratio of a sensor's noise to its declared noise, from differences of neighbouring observations."""
 
 from __future__ import annotations
 
@@ -24,20 +20,7 @@ _MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping d
 
 
 def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
-    """Squared third divided differences, standardised so that for white noise they are chi-square with 2 degrees.
-
-    Parameters
-    ----------
-    times : (4, n) s
-        Increasing.
-    positions : (2, 4, n) m
-    whiten : (n, 2, 2)
-        W with W Sigma W' = I, 1/m; lower triangular.
-
-    Returns
-    -------
-    (n,)
-    """
+    """Squared third divided differences, standardised so that for white noise they are chi-square with 2 degrees."""
     if times.shape[1] and (times == times[:, :1]).all():
         times = times[:, :1]  # as in a frame
     between = times[:, None] - times[None] + _SELF
@@ -59,8 +42,6 @@ def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Arra
 
 
 class NoiseWatch:
-    """How much larger the noise of a sensor is than it declares, from all obstacles together."""
-
     def __init__(self) -> None:
         self._newest = np.zeros(0)
         self.factor = 1.0

@@ -18,21 +18,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 
 class SettledTracks:
-    """What is learnt of some tracks from all that has been seen of them.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    roots : SquareRoots
-        What their estimates are made from.
-    suspicions : Suspicions or None
-        Changes of acceleration that are likely by now.
-    banked : bool
-        Whether all are in a bank.
-    sizes : RegionSizes or None
-        Of their regions.
-    """
-
     def __init__(
         self,
         tracks: Sequence[ObstacleTrack],
@@ -53,7 +38,6 @@ class SettledTracks:
         self._motions: tuple[float, PolynomialMotions] | None = None
 
     def motions(self, manoeuvre: float) -> PolynomialMotions:
-        """How they move, where changes of acceleration of a deviation, m/s^2, are allowed for."""
         if self._motions is None or self._motions[0] != manoeuvre:
             found = PolynomialMotions.of(self.tracks, self._roots, manoeuvre, self._suspicions)
             self._motions = manoeuvre, found
@@ -70,15 +54,6 @@ class SettledTracks:
 
 @dataclass(frozen=True)
 class Learnt:
-    """What zones are made from, whenever they are asked for.
-
-    Attributes
-    ----------
-    tracks : SortedTracks
-    level : Level
-    settled : sequence of SettledTracks
-    """
-
     tracks: SortedTracks
     level: Level
     settled: Sequence[SettledTracks]

@@ -10,20 +10,10 @@ from scp_planner.arrays import Array, Index
 
 @dataclass
 class SlotStates:
-    """States of M filters of each of K obstacles, in units of the covariance of the noise.
+    """States of M filters of each of K obstacles, in units of the covariance of the noise."""
 
-    Obstacles are the last axis: what is done to them is done to neighbours in memory.
-
-    Attributes
-    ----------
-    mean : (d, 2, M, K)
-        Position first, m.
-    spread : (d (d + 1) / 2, M, K)
-        The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
-    """
-
-    mean: Array
-    spread: Array
+    mean: Array  # Position first, m
+    spread: Array  # The covariance of the state is this times that of the noise that is declared
 
     def of(self, slots: Index | slice) -> Self:
         """The states of some obstacles, (n,): where they are, if those are a slice, until they are moved on."""

@@ -13,27 +13,13 @@ MOST_TURNING = 12
 
 
 class TrackKind(Enum):
-    """How zones of several tracks are made together."""
-
     SETTLED = "polynomials from what was seen alone"
     ALARMED = "mixtures of filters"
     NEW = "polynomials from a prior, too"
 
 
 def track_kind(track: ObstacleTrack, headings: bool) -> TrackKind | None:
-    """Return how the zone of a track is made together with others.
-
-    Parameters
-    ----------
-    track : ObstacleTrack
-    headings : bool
-        Whether headings are estimated, of what turns with its motion.
-
-    Returns
-    -------
-    TrackKind or None
-        None if it is made alone.
-    """
+    """Return how the zone of a track is made together with others."""
     if track.fixed is not None or track.estimator is None or not track.simple:
         return None
     if track.alarmed:
@@ -47,18 +33,7 @@ def track_kind(track: ObstacleTrack, headings: bool) -> TrackKind | None:
 
 @dataclass(frozen=True)
 class SortedTracks:
-    """Tracks that have been seen.
-
-    Attributes
-    ----------
-    every : sequence of ObstacleTrack
-    uncertain : int
-        How many of them are not known exactly.
-    headings : bool
-        Whether shapes that turn with an estimated motion are more than the discs that cover them.
-    kinds : mapping of TrackKind to mapping of int to sequence of ObstacleTrack
-        Those whose zones are made together, by the order of their motion, the lowest first.
-    """
+    """Tracks that have been seen."""
 
     every: Sequence[ObstacleTrack]
     uncertain: int

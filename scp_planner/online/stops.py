@@ -1,13 +1,4 @@
-"""Stops: what a vehicle falls back to.
-
-A stop follows a path, keeps the accelerations of a trip for a while (none, or at least until the next replan), then
-decelerates evenly until it stands. It leaves a trip where the acceleration of that changes anyway, so that up to there
-it is the trip, and it lives in the space of the trip, so it is certified like one.
-
-What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it, nor for a while after
-that. Of those that stand, zones do not grow any more: a vehicle that stands sees them come, and gets out of their way.
-Up to the next replan it sees nothing new, though: so far they grow in any case.
-"""
+"""Stops: what a vehicle falls back to."""
 
 from __future__ import annotations
 
@@ -39,22 +30,7 @@ HOLD = 1.0
 
 
 def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Trajectory | None:
-    """Return the stop that is the trip itself for some of its spans of acceleration, then decelerates, then stands.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The acceleration of its space is piecewise constant.
-    spans : int
-        For which the trip is kept.
-    deceleration : float
-        At most, m/s2.
-
-    Returns
-    -------
-    Trajectory or None
-        With the same spans; None if there are too few of them to stop in.
-    """
+    """Return the stop that is the trip itself for some of its spans of acceleration, then decelerates, then stands."""
     breaks = trajectory.space.acceleration.breakpoints * trajectory.travel_time
     speeds = np.maximum(trajectory.speed_control_points(), 0.0)
     speeds[spans:] = np.maximum(speeds[spans] - deceleration * (breaks[spans:] - breaks[spans]), 0.0)
@@ -67,21 +43,9 @@ def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Traje
 
 @dataclass(frozen=True)
 class Stopping:
-    """What m stops drive after they have left a trip.
-
-    Attributes
-    ----------
-    lasts : (m,) array
-        s.
-    after : (m, SAMPLES) array
-        Times from when they leave it until they stand, s.
-    driven : (m, SAMPLES) array
-        How far they have gone by then, m.
-    """
-
-    lasts: Array
-    after: Array
-    driven: Array
+    lasts: Array  # (m,) s
+    after: Array  # (m, SAMPLES) Times from when they leave it until they stand, s
+    driven: Array  # (m, SAMPLES) m
 
 
 def evenly(points: TripPoints, deceleration: float) -> Stopping:
@@ -95,26 +59,7 @@ def evenly(points: TripPoints, deceleration: float) -> Stopping:
 def room_to_stop(
     trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch, since: float = 0.0, wait: float = 0.0
 ) -> Array:
-    """Least clearance, sampled, of the stops that leave a trip after different times and decelerate evenly.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    leads : (m,) array
-        s, increasing.
-    deceleration : float
-        m/s2.
-    zones : ZoneBatch
-    since : float
-        Time from which on clearances matter, s.
-    wait : float
-        Time up to which they matter after the vehicle stands, s.
-
-    Returns
-    -------
-    (m,) array
-        m; -inf for a stop that needs more than what is left of the path, inf without zones.
-    """
+    """Least clearance, sampled, of the stops that leave a trip after different times and decelerate evenly."""
     return room_of_stops(trajectory, leads, partial(evenly, deceleration=deceleration), zones, since, wait)
 
 
@@ -126,24 +71,7 @@ def room_of_stops(
     since: float,
     wait: float,
 ) -> Array:
-    """Least clearance, sampled, of the stops that leave a trip after different times; see :func:`room_to_stop`.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    leads : (m,) array
-        s, increasing.
-    stopping : callable
-        Gives the stops from points of the trip.
-    zones : ZoneBatch
-    since, wait : float
-        s.
-
-    Returns
-    -------
-    (m,) array
-        m.
-    """
+    """Least clearance, sampled, of the stops that leave a trip after different times; see :func:`room_to_stop`."""
     tau, path = trajectory.travel_time, trajectory.path
     before = np.linspace(since, float(leads[-1]), SAMPLES)
     kept = trajectory.at(trajectory.space.time_table(np.concatenate([before, leads]) / tau))
@@ -198,24 +126,7 @@ def standing_trip(like: Trip, frame: PlanningFrame, wait: float) -> Trip:
 
 
 def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, float], ahead: float = 0.0) -> bool:
-    """Whether zones that soon do not grow any more surely keep clear of a place: by the discs that cover them.
-
-    Parameters
-    ----------
-    zones : ZoneBatch
-    position : (2,) array
-        m.
-    times : (since, grows, wait)
-        From when on, on the clock of the zones, how long they grow after that, and for how long they are to keep clear
-        of it, s.
-    ahead : float
-        How far from the place the vehicle's discs may be, m.
-
-    Returns
-    -------
-    bool
-        Where a bound does not tell, False.
-    """
+    """True if zones that soon do not grow any more surely keep clear of a place: by the discs that cover them."""
     since, grows, wait = times
     half = 0.5 * wait / WAIT_LOOKS
     middle: Array = since + half * np.arange(1.0, 2.0 * WAIT_LOOKS, 2.0)
@@ -231,7 +142,7 @@ def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, f
 
 
 def fits(stop: Trajectory) -> bool:
-    """Whether a stop ends before its path does."""
+    """True if a stop ends before its path does."""
     tau, space = stop.travel_time, stop.space
     distance = space.start_speed * tau + tau * tau * float(space.tables.final_distance @ stop.beta)
     return distance <= stop.path.driven_length

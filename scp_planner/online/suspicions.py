@@ -1,24 +1,4 @@
-"""Changes of acceleration that are likely by now, but not sure: what zones allow for before there is an alarm.
-
-With noise of deviation s, looks every d and a past that is known, a change a of the acceleration has moved an obstacle
-by a (k d)^2 / 2 at the k-th look after it. After n looks the squared signal-to-noise ratio of all of them together is
-
-    lambda(n) = (a d^2 / (2 s))^2 (1 + 16 + ... + n^4), about (a d^2 / (2 s))^2 n^5 / 5.
-
-No test whose false alarms are g looks apart notices it sooner, on average and for large g, than at the n for which
-lambda(n) = 2 log g (G. Lorden, *Procedures for reacting to a change in distribution*, Ann. Math. Statist. 42 (1971)).
-Since n grows with the fifth root of that, little is gained by more false alarms. But a zone need not wait until it is
-sure: it is to hold the obstacle with a probability, so it has to allow for a change that is likely enough to matter.
-
-So a change is put to the test for each of several onsets, beside no change at all. Given an onset, the motion is the
-polynomial and a change of acceleration from there on, normal beforehand, fitted together by least squares; how likely
-it is comes from Bayes' formula. The zone is that of the mixture. Onsets that little speaks for do not count, and
-neither do changes that are together less probable than a tenth of what the level leaves open: for most of the time,
-most obstacles have the zones of their polynomial motions alone.
-
-After an alarm, zones are those of the filters of `scp_planner.online.noticing` and of a single change, each as far as
-what was seen is likely with it.
-"""
+"""Changes of acceleration that are likely by now, but not sure: what zones allow for before there is an alarm."""
 
 from __future__ import annotations
 
@@ -33,7 +13,7 @@ from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.mixtures import Mixture
 
 ONSETS = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 24, 31)
-"""How many looks ago a change may have begun."""
+"""Ages of a change that are considered, in measurements."""
 LEFT_OUT = 0.1
 """Share of what the level leaves open, that changes which are left out may have."""
 SPEAKS = math.log(20.0)
@@ -52,24 +32,6 @@ WILD = 8.0
 
 
 class Allowance:
-    """What zones allow for that nothing speaks for yet: more where others have changed their motion of late.
-
-    Where none is noticed to, to allow for sudden changes of all costs time for nothing. Where one is, others will.
-
-    Parameters
-    ----------
-    usual : float
-        Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'; 0: none
-        ever, whatever others do.
-    unit : float
-        That of newcomers' accelerations, m/s^2.
-
-    Attributes
-    ----------
-    now : float
-        What is allowed for now, m/s^2.
-    """
-
     def __init__(self, usual: float, unit: float) -> None:
         self._usual, self._wary = usual * unit, (max(usual, WARY) if usual > 0.0 else 0.0) * unit
         self._changed = -math.inf
@@ -86,40 +48,19 @@ class Allowance:
 
 @dataclass(frozen=True)
 class Sightings:
-    """The newest looks at K obstacles.
+    """The newest looks at K obstacles."""
 
-    Attributes
-    ----------
-    times : (R, K) array
-        s, the newest last; -inf where there was none.
-    positions : (2, R, K) array
-        m.
-    """
-
-    times: Array
-    positions: Array
+    times: Array  # (R, K) s, the newest last; -inf where there was none
+    positions: Array  # (2, R, K) m
 
 
 @dataclass(frozen=True)
 class Suspicions:
-    """What changes that are not sure make of the polynomial motions of K obstacles.
-
-    Attributes
-    ----------
-    probability : (K,) array
-        That there was a change.
-    shift : (K, 3, 2) array
-        Of the coefficients of powers of time since the centre of the estimate.
-    spread : (K, 3, 3) array
-        What is added to the covariance of each component of them, over that of the noise.
-    """
-
-    probability: Array
-    shift: Array
-    spread: Array
+    probability: Array  # (K,)
+    shift: Array  # (K, 3, 2)
+    spread: Array  # (K, 3, 3)
 
     def among(self, some: Index, count: int, least: float) -> Suspicions:
-        """Those of some (K,) of so many obstacles that are more probable than that; 0 for all others."""
         probability, shift, spread = np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3))
         likely = self.probability > least
         which = some[likely]
@@ -133,44 +74,26 @@ class Suspicions:
 
 @dataclass(frozen=True)
 class Changes:
-    """Changes of acceleration of K obstacles after each of H onsets, if that is when they were.
+    """Changes of acceleration of K obstacles after each of H onsets, if that is when they were."""
 
-    Attributes
-    ----------
-    gap : (K, H) array
-        Time from each onset to the next, s; 0 where nothing was seen before it.
-    evidence : (K, H) array
-        Logarithm of how many times as likely what was seen is with the change as without it.
-    change : (K, H, 2) array
-        Expected, m/s^2, along the axes along which the noise has variance 1.
-    variance : (K, H) array
-        Of each component of it.
-    course : (K, H, 3) array
-        What a unit change does to the coefficients of powers of time since the centre of the estimate.
-    root : (K, 2, 2) array
-        Of the covariance of the noise, m: from those axes to those of the world.
-    """
-
-    gap: Array
-    evidence: Array
-    change: Array
-    variance: Array
-    course: Array
-    root: Array
+    gap: Array  # (K, H) Time from each onset to the next, s; 0 where nothing was seen before it
+    evidence: Array  # (K, H) Logarithm of how many times as likely what was seen is with the change as without it
+    change: Array  # (K, H, 2) Expected, m/s^2, along the axes along which the noise has variance 1
+    variance: Array  # (K, H)
+    course: Array  # (K, H, 3)
+    root: Array  # (K, 2, 2)
 
     @property
     def spoken_for(self) -> bool:
-        """Whether anything speaks for any of them."""
+        """True if anything speaks for any of them."""
         return bool((self.evidence > SPEAKS).any())
 
     def suspicions(self, often: float) -> Suspicions:
-        """What they come to if there are so many changes, 1/s; only onsets that something speaks for count."""
         weight = often * self.gap * np.exp(np.minimum(self.evidence, MOST_EVIDENCE))
         weight /= 1.0 + weight.sum(axis=1, keepdims=True)
         return self._mixed(np.where(self.evidence > SPEAKS, weight, 0.0))
 
     def sure(self) -> Suspicions:
-        """What they come to where it is sure that there was one."""
         weight = self.gap * np.exp(self.evidence - self.evidence.max(axis=1, keepdims=True))
         return self._mixed(weight / weight.sum(axis=1, keepdims=True))
 
@@ -196,23 +119,7 @@ class Changes:
 
 
 def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: float) -> Changes:
-    """Judge how likely it is that polynomial motions have changed their accelerations.
-
-    Parameters
-    ----------
-    roots : SquareRoots
-        What the estimates of K motions of order p - 1 are made from.
-    looks : Sightings
-        The newest of what they are made from.
-    noise : (K, 2, 2) array
-        Covariance of what is seen, m^2.
-    deviation : float
-        Standard deviation of a change of acceleration, of each component, m/s^2.
-
-    Returns
-    -------
-    Changes
-    """
+    """Judge how likely it is that polynomial motions have changed their accelerations."""
     p, back = roots.factor.shape[1], [-1 - number for number in ONSETS]
     inverse = np.linalg.inv(roots.factor)
     root = np.linalg.cholesky(noise)
@@ -244,22 +151,7 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
 
 
 def changed_motions(roots: SquareRoots, surely: Suspicions, noise: Array, start: float) -> Mixture:
-    """The motions of K obstacles that have surely changed their accelerations once, at a time, s.
-
-    Parameters
-    ----------
-    roots : SquareRoots
-        What the estimates of their motions are made from.
-    surely : Suspicions
-    noise : (K, 2, 2) array
-        Covariance of what is seen, m^2.
-    start : float
-        s.
-
-    Returns
-    -------
-    Mixture
-    """
+    """The motions of K obstacles that have surely changed their accelerations once, at a time, s."""
     inverse = np.linalg.inv(roots.factor)
     p, count = inverse.shape[1], len(inverse)
     coefficients, spread = surely.shift.copy(), surely.spread.copy()

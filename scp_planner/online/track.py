@@ -52,37 +52,17 @@ def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One observation.
+    """One observation."""
 
-    Attributes
-    ----------
-    time : float
-        s.
-    position : (x, y)
-        m.
-    covariance : (2, 2) array or None
-        m^2; None: that of the obstacle's others.
-    """
-
-    time: float
-    position: tuple[float, float]
-    covariance: Array | None = None
+    time: float  # s
+    position: tuple[float, float]  # m
+    covariance: Array | None = None  # (2, 2) m^2; None: that of the obstacle's others
 
 
 class TrackEstimator(ABC):
-    """What is made of the observations of one obstacle, whichever model its motion follows.
-
-    Attributes
-    ----------
-    in_order : bool
-        Whether observations have to be taken in in order of time; then it can :meth:`go_back`.
-    bank, slot
-        The bank that it is in, if it is in one, and where.
-    """
-
     in_order: bool = False
-    bank: Bank | None = None
-    slot: int = 0
+    bank: Bank | None = None  # The bank that it is in, if it is in one, and where
+    slot: int = 0  # The bank that it is in, if it is in one, and where
 
     @abstractmethod
     def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
@@ -103,12 +83,11 @@ class TrackEstimator(ABC):
 
     @property
     def roots(self) -> SquareRoots | None:
-        """What the estimate of a polynomial motion is made from."""
         return None
 
     @property
     def alarmed(self) -> bool:
-        """Whether it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than foretold."""
         return False
 
     def close(self) -> None:  # noqa: B027 - most hold nothing that others could use
@@ -116,16 +95,7 @@ class TrackEstimator(ABC):
 
 
 class PolynomialTrack(TrackEstimator):
-    """A polynomial motion.
-
-    Parameters
-    ----------
-    order : int
-    covariance : (2, 2) array or None
-        Of all observations, m^2; None: to be estimated.
-    varying : bool
-        Each observation has a covariance of its own.
-    """
+    """A polynomial motion."""
 
     def __init__(self, order: int, covariance: Array | None, varying: bool) -> None:
         self._varying = varying
@@ -137,24 +107,15 @@ class PolynomialTrack(TrackEstimator):
         self._recursive.update(time, np.array([position]), noise if self._varying else None)
 
     def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
-        """Give the estimate."""
         return self._recursive.estimate(0, prior)
 
     @property
     def roots(self) -> SquareRoots:
-        """What the estimate is made from."""
         return self._recursive.roots
 
 
 class NoticingTrack(TrackEstimator):
-    """A polynomial motion that is believed as long as its predictions hold; see `scp_planner.online.noticing`.
-
-    Parameters
-    ----------
-    bank : Bank
-    covariance : (2, 2) array
-        Of all observations, as declared, m^2.
-    """
+    """A polynomial motion that is believed as long as its predictions hold; see `scp_planner.online.noticing`."""
 
     bank: Bank
 
@@ -175,13 +136,12 @@ class NoticingTrack(TrackEstimator):
 
     @property
     def roots(self) -> SquareRoots:
-        """What the estimate is made from."""
         roots, some = self.bank.polynomials.roots, slice(self.slot, self.slot + 1)
         return SquareRoots(**{name: value[some] for name, value in vars(roots).items()})
 
     @property
     def alarmed(self) -> bool:
-        """Whether it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than foretold."""
         return bool(self.bank.alarmed[self.slot])
 
     def close(self) -> None:
@@ -190,15 +150,7 @@ class NoticingTrack(TrackEstimator):
 
 
 class ProcessTrack(TrackEstimator):
-    """A motion with process noise, by its model.
-
-    Attributes
-    ----------
-    filter : MotionFilter
-        What is known of it.
-    filters : deque of MotionFilter
-        The same before each of the newest observations.
-    """
+    """A motion with process noise, by its model."""
 
     in_order = True
 
@@ -213,7 +165,6 @@ class ProcessTrack(TrackEstimator):
 
     @property
     def depth(self) -> int:
-        """How many observations ago the filter is still kept as it was then."""
         return len(self.filters)
 
     def go_back(self, later: int) -> None:
@@ -222,7 +173,6 @@ class ProcessTrack(TrackEstimator):
             self.filter = self.filters.pop()
 
     def estimate(self, prior: MotionPrior | None) -> MotionEstimate:  # noqa: ARG002 - its model has one
-        """Give the estimate."""
         return self.filter.estimate()
 
 
@@ -232,15 +182,7 @@ EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]
 
 @dataclass(frozen=True)
 class GivenZones:
-    """Zones of a motion that is given, and what they were made of: many replans ask for the same ones.
-
-    Attributes
-    ----------
-    motion : Motion, Course or Futures
-    uncertain : int
-        How many obstacles are not known exactly.
-    zones : tuple of ThreatZone
-    """
+    """Zones of a motion that is given, and what they were made of: many replans ask for the same ones."""
 
     motion: GivenMotion
     uncertain: int
@@ -249,77 +191,39 @@ class GivenZones:
 
 @dataclass(slots=True)
 class ObstacleTrack:
-    """One obstacle, and all that was seen of it.
-
-    Attributes
-    ----------
-    id : str
-    shape, model, margin
-        As in the scenario; ``margin`` holds the planner's margin too.
-    body : Body
-        Of the shape, as long as the motion is estimated.
-    fixed : Motion, Course, Futures or None
-        The motion of an obstacle whose motion is given.
-    given : Estimate or None
-        What a tracker last said of it.
-    covariance : (2, 2) array or None
-        Of one observation, if it is the same for all.
-    varying : bool
-        Each observation has a covariance of its own.
-    times, positions, covariances : lists
-        What was seen, in order of time.
-    suspects : list of Seen
-        The newest observations, if the gate left them out.
-    estimator : TrackEstimator or None
-        What was made of the observations.
-    noise_factor : float
-        Variance of the noise as a multiple of what is declared.
-    predicted : Prediction or None
-        Where the next observation is expected.
-    seen_noise : (2, 2) array or None
-        Noise with that, m^2, where it is estimated from what was seen.
-    foretold : deque of Prediction
-        The last predictions that were made alone, the newest last, where regions follow what came of them.
-    suspected : bool
-        Whether its zone allows for a change of acceleration that is likely by now.
-    zone : ThreatZone or None
-        The last one, as long as it is not what the estimate makes alone: it has been noticed, or is suspected, to move
-        otherwise than foretold, or is sized by what came of predictions.
-    made : GivenZones or None
-        Those of a motion that is given, as they were last made.
-    """
+    """One obstacle, and all that was seen of it."""
 
     id: str
-    shape: Shape
-    model: Model
-    margin: float
+    shape: Shape  # As in the scenario; ``margin`` holds the planner's margin too
+    model: Model  # As in the scenario; ``margin`` holds the planner's margin too
+    margin: float  # As in the scenario; ``margin`` holds the planner's margin too
     body: Body
-    fixed: GivenMotion | None = None
+    fixed: GivenMotion | None = None  # The motion of an obstacle whose motion is given
     given: Estimate | None = None
-    covariance: Array | None = None
-    varying: bool = False
+    covariance: Array | None = None  # (2, 2)
+    varying: bool = False  # Each observation has a covariance of its own
     newcomer: bool = False
     times: list[float] = field(default_factory=list)
     positions: list[tuple[float, float]] = field(default_factory=list)
     covariances: list[Array | None] = field(default_factory=list)
-    suspects: list[Seen] = field(default_factory=list)
+    suspects: list[Seen] = field(default_factory=list)  # The newest observations, if the gate left them out
     estimator: TrackEstimator | None = None
-    noise_factor: float = 1.0
+    noise_factor: float = 1.0  # Variance of the noise as a multiple of what is declared
     predicted: Prediction | None = None
-    seen_noise: Array | None = None
+    seen_noise: Array | None = None  # (2, 2) Noise with that, m^2, where it is estimated from what was seen
     foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
     suspected: bool = False
-    zone: ThreatZone | None = None
+    zone: ThreatZone | None = None  # The last one, as long as it is not what the estimate makes alone
     made: GivenZones | None = None
 
     @property
     def seen(self) -> bool:
-        """Whether there is anything to say of where it is."""
+        """True if there is anything to say of where it is."""
         return self.fixed is not None or bool(self.times)
 
     @property
     def uncertain(self) -> bool:
-        """Whether where it is is not known exactly."""
+        """True if where it is is not known exactly."""
         return is_uncertain(self.fixed)
 
     @property
@@ -332,7 +236,7 @@ class ObstacleTrack:
 
     @property
     def settled(self) -> bool:
-        """Whether its motion shows in the observations alone, or a tracker has told it."""
+        """True if its motion shows in the observations alone, or a tracker has told it."""
         if self.given is not None:
             return True
         least = self.model.order + 1
@@ -344,13 +248,13 @@ class ObstacleTrack:
 
     @property
     def estimates_noise(self) -> bool:
-        """Whether the noise is estimated together with its motion."""
+        """True if the noise is estimated together with its motion."""
         undeclared = self.covariance is None and not self.varying and self.model.process is None
         return undeclared and self.given is None and self.settled
 
     @property
     def alarmed(self) -> bool:
-        """Whether it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than foretold."""
         return self.estimator is not None and self.estimator.alarmed
 
     def keep_foretold(self) -> None:
@@ -360,7 +264,7 @@ class ObstacleTrack:
 
     @property
     def simple(self) -> bool:
-        """Whether its zone can be made together with others: one known covariance, no prior, no process noise."""
+        """True if its zone can be made together with others: one known covariance, no prior, no process noise."""
         return (
             self.model.process is None and self.model.prior is None and self.covariance is not None and not self.varying
         )
@@ -449,19 +353,19 @@ class ObstacleTrack:
             logger.info("obstacle %s: an observation is not used: %s", self.id, error)
 
     def came_already(self, one: Seen) -> bool:
-        """Whether an observation has come before."""
+        """True if an observation has come before."""
         same = slice(bisect_left(self.times, one.time), bisect(self.times, one.time))
         return one.position in self.positions[same] or any(
             (one.time, one.position) == (other.time, other.position) for other in self.suspects
         )
 
     def comes_too_late(self, one: Seen) -> bool:
-        """Whether what was known when an observation was made is not kept any more."""
+        """True if what was known when an observation was made is not kept any more."""
         later = len(self.times) - bisect(self.times, one.time)
         return self.estimator is not None and later > self.estimator.depth
 
     def is_improbable(self, one: Seen, least: float, newcomers: SceneNewcomers) -> bool:
-        """Whether to see something as far away as this, or farther, is less probable than ``least``."""
+        """True if to see something as far away as this, or farther, is less probable than ``least``."""
         if self.predicted is None or least <= 0.0:
             return False
         estimated = self.seen_noise if one.covariance is None else None

@@ -1,10 +1,4 @@
-"""Who has just changed the velocity, and so is likely to go on with that: they turn or speed up for several looks.
-
-Most of the time people walk straight on, and hardly anybody who has done so up to now turns within the next moment. But
-who has begun to, does mostly go on: of those in simulated crowds who changed by a tenth of the vehicle's top speed from
-one look to the next, ten times as many as of all others were far from their straight way a moment later. They go on to
-the same side: hardly one in twenty turned back, and seven in ten changed by a third as much at least once more.
-"""
+"""Obstacles that have just changed their velocity, and so are likely to change it again."""
 
 from __future__ import annotations
 
@@ -28,35 +22,14 @@ class _Looked:
 
 
 class Unrest:
-    """Remembers velocities of obstacles for a while.
-
-    Parameters
-    ----------
-    lasts : float
-        For how long, s.
-    """
+    """Remembers velocities of obstacles for a while."""
 
     def __init__(self, lasts: float) -> None:
         self._lasts = lasts
         self._looks = deque[_Looked]()
 
     def note(self, time: float, ids: Sequence[str], velocities: Array) -> Array:
-        """Take note of velocities; return how each has changed within that time, (L, 2) m/s: the largest change.
-
-        0 of those who have only just come: what is known of their velocities at first is no more than a guess.
-
-        Parameters
-        ----------
-        time : float
-            Absolute, s; not before that of the last call.
-        ids : sequence of str
-        velocities : (L, 2) array
-            In directions that stay the same, m/s.
-
-        Returns
-        -------
-        (L, 2) array
-        """
+        """Take note of velocities; return how each has changed within that time, (L, 2) m/s: the largest change."""
         while self._looks and self._looks[-1].time >= time:
             self._looks.pop()
         while self._looks and self._looks[0].time < time - self._lasts:

@@ -1,4 +1,4 @@
-"""What trackers and predictors say, on its way to the obstacles."""
+"""Updates from trackers and predictors, on their way to the obstacles."""
 
 from __future__ import annotations
 
@@ -11,21 +11,11 @@ from scp_planner.scenario.motions import GivenMotion
 
 @dataclass(frozen=True)
 class Update:
-    """What a tracker says of an obstacle, in the units of the scene.
-
-    Attributes
-    ----------
-    obstacle : str
-        Its id.
-    given : Estimate
-    """
-
-    obstacle: str
+    obstacle: str  # Its id
     given: Estimate
 
     @property
     def time(self) -> float:
-        """What it is of, s."""
         return self.given.time
 
     def taken_in(self, obstacles: ObstacleTracks) -> str | None:
@@ -35,16 +25,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a predictor says of an obstacle, in the units of the scene.
-
-    Attributes
-    ----------
-    obstacle : str
-        Its id.
-    motion : Motion, Course or Futures
-    """
-
-    obstacle: str
+    obstacle: str  # Its id
     motion: GivenMotion
 
     def taken_in(self, obstacles: ObstacleTracks) -> None:

@@ -1,10 +1,4 @@
-"""What may be driven: trips that are certified to the goal, or that a certified stop can be made from.
-
-A stop from a trip keeps to it for a while, then brakes along its path until the vehicle stands. It need not begin at
-once: between two obstacles there is no place to stop, but there is behind them, and a trip that is certified past both
-and can be stopped after that is safe. Obstacles are where they will be within a few seconds, while a trip to a far goal
-would have to be clear of zones that have grown for as long as it takes.
-"""
+"""Trips that may be driven: certified to the goal, or to a certified stop on the way."""
 
 from __future__ import annotations
 
@@ -57,21 +51,7 @@ _SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment of a drive, as the planner sees it.
-
-    Attributes
-    ----------
-    state : State
-    scenario : Scenario
-        That starts with this state; without obstacles.
-    zones : tuple of ThreatZone
-    tube : TrackingTube or None
-        What the vehicle may be off its trips when it drives.
-    whole : Moment or None
-        Of which this is one with zones of a lower level.
-    share : float
-        Of the ellipses of its zones.
-    """
+    """A moment of a drive, as the planner sees it."""
 
     state: State
     scenario: Scenario
@@ -106,7 +86,6 @@ class Moment:
         return batch
 
     def with_smaller_zones(self, share: float) -> Moment:
-        """The same moment with the zones of a lower level: their ellipses are so much smaller, of all obstacles."""
         return replace(self, whole=self, share=share)
 
     @cached_property
@@ -122,7 +101,7 @@ class Moment:
 
     @property
     def growing(self) -> bool:
-        """Whether any zone grows."""
+        """True if any zone grows."""
         return self.batch.covariances is not None
 
     def certify(
@@ -145,25 +124,7 @@ class Moment:
         )
 
     def certify_standing(self, trip: Trip, since: float, wait: float, unseen_until: float) -> Certificate | None:
-        """Certify standing where a trip stands, against zones that do not grow any more: who stands sees them come.
-
-        But who stands already sees nothing new before the next replan.
-
-        Parameters
-        ----------
-        trip : Trip
-        since : float
-            Absolute time from which on it stands, s.
-        wait : float
-            How long, s.
-        unseen_until : float
-            Absolute time of the next replan, s, up to which they grow.
-
-        Returns
-        -------
-        Certificate or None
-            None if it holds; else what is wrong.
-        """
+        """Certify standing where a trip stands, against zones that do not grow any more: who stands sees them come."""
         if wait <= 0.0 or not self.zones:
             return None
         ahead = max(map(abs, self.scenario.vehicle.discs))
@@ -198,34 +159,22 @@ class Stop:
 
 @dataclass(frozen=True)
 class Vetted:
-    """A trip that may be driven.
-
-    Attributes
-    ----------
-    trip : Trip
-    certificate : Certificate
-        Of the trip, or of its stop if that is all that is certified.
-    stop : Stop or None
-        The certified stop; None for a trip that is certified to the goal.
-    violation : float
-        How much the trip enters foreseen zones, m, or exceeds limits, as far as samples tell.
-    iterations : int
-    """
+    """A trip that may be driven."""
 
     trip: Trip
     certificate: Certificate
-    stop: Stop | None
+    stop: Stop | None  # The certified stop; None for a trip that is certified to the goal
     violation: float = math.inf
     iterations: int = 0
 
     @property
     def feasible(self) -> bool:
-        """Whether the trip keeps clear of foreseen zones."""
+        """True if the trip keeps clear of foreseen zones."""
         return self.violation <= FEASIBILITY
 
     @property
     def certified(self) -> bool:
-        """Whether the trip is certified to the goal."""
+        """True if the trip is certified to the goal."""
         return self.stop is None and self.certificate.holds
 
     @property
@@ -236,24 +185,14 @@ class Vetted:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a trip may not be driven.
+    """Why a trip may not be driven."""
 
-    Attributes
-    ----------
-    why : str
-        In words.
-    room : float
-        Of the stops from it that were sampled the most room that one has, m; inf where none was.
-    """
-
-    why: str
+    why: str  # In words
     room: float = math.inf
 
 
 @dataclass
 class _Tried:
-    """What comes of stops that are tried from a trip: why not, and the most room of those that were sampled, m."""
-
     refused: str = ""
     otherwise: str = ""
     room: float = math.inf
@@ -265,21 +204,7 @@ class _Tried:
 
 
 class Vetting:
-    """Decides what may be driven.
-
-    Parameters
-    ----------
-    period : float
-        Longest time to the next replan, s.
-    stops_will_do : bool
-        Whether a trip that can be stopped will do; else it must be certified to the goal.
-    following : Following
-        Tolerances of the follower.
-    units : NaturalUnits, optional
-        Of the scene: what is told of it is told in those of the user.
-    wait : float
-        For how long a stop must stay clear after the vehicle stands, s.
-    """
+    """Decides what may be driven."""
 
     def __init__(
         self,
@@ -305,24 +230,7 @@ class Vetting:
         iterations: int = 0,
         branch: float = math.inf,
     ) -> Vetted | Refusal:
-        """Certify a trip that begins now, or at least a stop from it.
-
-        Parameters
-        ----------
-        now : Moment
-        problem : Problem
-        trajectory : Trajectory
-        evaluation : Evaluation, optional
-            Of it, if it is at hand.
-        iterations : int
-            That it took.
-        branch : float
-            Absolute time at which the stop from the last plan leaves it, s: tried first.
-
-        Returns
-        -------
-        Vetted or Refusal
-        """
+        """Certify a trip that begins now, or at least a stop from it."""
         trip = Trip(problem.frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
         why, broken = "", math.inf
@@ -341,7 +249,7 @@ class Vetting:
         return Vetted(trip, certificate, stop, violation, iterations)
 
     def _may_hold(self, now: Moment, trip: Trip, evaluation: Evaluation | None) -> bool:
-        """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
+        """True if a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
         if evaluation is None:
             ahead = TripSamples.of(trip, _SHARES)
             return bool(now.batch.distances(ahead.time, ahead.position, EXACT).min(initial=np.inf) >= 0.0)
@@ -355,10 +263,7 @@ class Vetting:
     def _stop(
         self, now: Moment, trip: Trip, branch: float, broken: float = math.inf
     ) -> tuple[Stop, Certificate] | Refusal:
-        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few.
-
-        None that would keep to the trip until it does what it must not, which it is known to do at a time, s.
-        """
+        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
         driven = now.state.time - trip.frame.time
         braking = braking_of(now.scenario.vehicle)
         since = now.state.time if driven > 0.0 else None
@@ -379,10 +284,6 @@ class Vetting:
         return Refusal(tried.why, tried.room)
 
     def _spans(self, now: Moment, trip: Trip, braking: Braking, branch: float, tried: _Tried) -> Iterator[int]:
-        """After how many spans of acceleration a stop may leave a trip, the most promising first, and why not others.
-
-        Most of the work is left out where the first will do.
-        """
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
         earliest = driven + self.period
@@ -418,23 +319,7 @@ class Vetting:
     def vet_on(
         self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
     ) -> Vetted | None:
-        """The last trip as it is, with a new stop if need be, as long as it is not far inside of foreseen zones.
-
-        Parameters
-        ----------
-        now : Moment
-        last : Trip
-        foresee : callable
-            Gives the foreseen zones of a batch on a clock that shows a time now, s.
-        branch : float
-            Absolute time at which the last stop leaves the trip, s.
-        whole : bool
-            Whether it was certified to the goal.
-
-        Returns
-        -------
-        Vetted or None
-        """
+        """The last trip as it is, with a new stop if need be, as long as it is not far inside of foreseen zones."""
         if whole:
             # What is certified keeps clear of foreseen zones too, which are no larger
             if not self.is_on(now, last):
@@ -493,7 +378,6 @@ class Vetting:
         return certificate if stands is None else replace(stands, limits=certificate.limits)
 
     def clear_for(self, now: Moment, stop: Stop) -> float:
-        """How long a stop, and standing there, keeps clear from now on, s, as far as samples tell; inf: long enough."""
         trip = stop.trip
         times = np.linspace(now.state.time, stop.stands + self.wait, TRIP_SAMPLES)
         grown = max(stop.stands, self.unseen_until(now)) - trip.frame.time

@@ -1,14 +1,4 @@
-"""Filters of those that weave: what is left of a course when a swing about it is taken off.
-
-Who walks, cycles or steers in waves keeps changing its acceleration, and comes back each time. A filter that lets
-accelerations go on makes zones of that which fill the world within two seconds. Here a motion is a course with hardly
-any white jerk, and a swing about it: a damped oscillation that white noise keeps up, by which the obstacle is never
-farther from its course than the swing is wide. As with `scp_planner.online.mixtures`, one filter serves both
-components.
-
-The state of a filter is position, velocity, acceleration - of course and swing together - and the swing with its rate:
-so its first three are what the other filters have.
-"""
+"""Filters of those that weave: what is left of a course when a swing about it is taken off."""
 
 from __future__ import annotations
 
@@ -22,7 +12,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.online.slot_states import SlotStates, if_alike
 
 PERIODS = (0.83, 1.17, 1.6, 2.2)
-"""Of the swings, as multiples of the time in which newcomers' accelerations make their velocities."""
+"""Periods of the oscillator models, as multiples of a new track's time from acceleration to velocity."""
 SWING = 0.09
 """Standard deviation of a swing, as a multiple of how far newcomers' velocities lead in that time."""
 DAMPING = 0.03
@@ -36,7 +26,7 @@ _OBSERVED = np.array(list(combinations_with_replacement(range(3), 2))).T
 _FULL = np.zeros((STATES, STATES), dtype=np.intp)
 _FULL[_PAIRS[0], _PAIRS[1]] = _FULL[_PAIRS[1], _PAIRS[0]] = np.arange(_PAIRS.shape[1])
 _KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
-"""Where the upper triangle of the first three states is."""
+"""Place of the upper triangle of the first three states."""
 _KEPT = 16
 """Steps that are kept: lags repeat, from frame to frame."""
 _UNITS = 1e9  # of time: lags of one frame differ by rounding only
@@ -44,8 +34,6 @@ _UNITS = 1e9  # of time: lags of one frame differ by rounding only
 
 @dataclass(frozen=True)
 class _Steps:
-    """What L lags do: to means, (L, M, 5, 5), to spreads, (L, M, 15, 15), and what noise adds to these, (15, M, L)."""
-
     moved: Array
     triangles: Array
     noise: Array
@@ -53,30 +41,17 @@ class _Steps:
 
 @dataclass(frozen=True, eq=False)
 class Swings:
-    """M motions that swing about a course.
+    """M motions that swing about a course."""
 
-    Attributes
-    ----------
-    rates : (M,) array
-        Natural frequencies, rad/s.
-    deviation : float
-        Standard deviation of each component of a swing, m.
-    jerk : float
-        Intensity of the course's jerk, m^2/s^5.
-    velocity_deviation, acceleration_deviation : float
-        Of the course before anything was seen, m/s and m/s^2.
-    """
-
-    rates: Array
-    deviation: float
-    jerk: float
+    rates: Array  # (M,) Natural frequencies, rad/s
+    deviation: float  # Standard deviation of each component of a swing, m
+    jerk: float  # Intensity of the course's jerk, m^2/s^5
     velocity_deviation: float
     acceleration_deviation: float
     _kept: dict[bytes, _Steps] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
-        """Those of obstacles that move like newcomers."""
         time = velocity_deviation / acceleration_deviation
         jerk = COURSE_JERK * acceleration_deviation**2 / time
         rates = 2.0 * np.pi / (time * np.array(PERIODS))
@@ -89,7 +64,6 @@ class Swings:
 
     @cached_property
     def driving(self) -> Array:
-        """The same where it is known how they swing, for times that are short beside their periods."""
         swerves = 4.0 * DAMPING * self.rates**3 * self.deviation**2
         return np.stack([swerves, np.full(len(swerves), self.jerk)], axis=1)
 
@@ -144,7 +118,6 @@ class Swings:
         return united @ moved @ apart, united @ noise @ united.transpose(0, 2, 1)
 
     def steps(self, lags: Array) -> _Steps:
-        """What lags (L,), s, do."""
         kept = self._kept.get(lags.tobytes())
         if kept is None:
             if len(self._kept) >= _KEPT:
@@ -171,21 +144,12 @@ def _on_triangles(matrices: Array, rows: Array) -> Array:
 
 @dataclass
 class SwingStates(SlotStates):
-    """States of swinging motions.
-
-    Attributes
-    ----------
-    mean : (5, 2, M, K)
-        Position, velocity, acceleration, swing and its rate.
-    spread : (15, M, K)
-    swings : Swings
-    """
+    """States of swinging motions."""
 
     swings: Swings
 
     @classmethod
     def none(cls, swings: Swings) -> SwingStates:
-        """Of no obstacles."""
         many = len(swings.rates)
         return cls(np.zeros((STATES, 2, many, 0)), np.zeros((_PAIRS.shape[1], many, 0)), swings)
 
@@ -234,7 +198,6 @@ class SwingStates(SlotStates):
         return self.mean[:3], self.spread[_KINEMATIC]
 
     def settled(self, unit: Array) -> tuple[Array, Array]:
-        """The same where nothing is known of the swing any more: those of the course, and as far as a swing leads."""
         course = self.swings.apart[:, :3]
         mean = np.einsum("mij,jamk->iamk", course, self.mean)
         spread = np.einsum("mij,jmk->imk", _on_triangles(course, _OBSERVED), self.spread)

@@ -1,10 +1,4 @@
-"""How far a goal is for a vehicle that cannot turn more tightly than on a circle, without obstacles.
-
-To a point, whatever the heading there, the shortest way turns as tightly as it can and goes straight on; or, where the
-point is inside of the circle that it would turn on, turns away first and then back, always as tightly as it can
-(X.-N. Bui, J.-D. Boissonnat, P. Soueres and J.-P. Laumond, *Shortest path synthesis for Dubins non-holonomic robot*,
-ICRA 1994). One that drives both ways may turn back once on the way: it drives an arc, stops, and goes on the other way.
-"""
+"""Shortest way to a goal for a vehicle with a bounded curvature, without obstacles."""
 
 from __future__ import annotations
 
@@ -20,26 +14,7 @@ NOTHING = 1e-9
 
 
 def way_left(position: Array, heading: Array, goal: Array, radius: float, within: float = 0.0) -> Array:
-    """Length of the shortest way to a goal.
-
-    Parameters
-    ----------
-    position : (..., 2) array
-        m.
-    heading : (...) array
-        rad.
-    goal : (2,) array
-        m.
-    radius : float
-        Of the tightest turn, m; 0: in any direction.
-    within : float
-        Of the goal that is near enough, m: a turn that passes it so near need not begin farther away.
-
-    Returns
-    -------
-    (...) array
-        m.
-    """
+    """Length of the shortest way to a goal."""
     offset = goal - position
     distance: Array = np.hypot(offset[..., 0], offset[..., 1])
     if radius == 0.0:
@@ -61,28 +36,7 @@ def way_left(position: Array, heading: Array, goal: Array, radius: float, within
 def way_left_both_ways(
     position: Array, heading: Array, goal: Array, radius: float, within: float, turning_back: float
 ) -> Array:
-    """Length of a short way to a goal of a vehicle that drives forward and backward, and turns back once at most.
-
-    Parameters
-    ----------
-    position : (..., 2) array
-        m.
-    heading : (...) array
-        rad.
-    goal : (2,) array
-        m.
-    radius : float
-        Of the tightest turn, m; 0: in any direction.
-    within : float
-        Of the goal that is near enough, m.
-    turning_back : float
-        The way that it costs to stop and to set out the other way, m.
-
-    Returns
-    -------
-    (...) array
-        m: the shortest of those without turning back, and of those that do after an arc by one of `SWUNG`.
-    """
+    """Length of a short way to a goal of a vehicle that drives forward and backward, and turns back once at most."""
     first = np.stack([heading, heading + np.pi])  # the direction of driving
     plain: Array = way_left(np.broadcast_to(position, (*first.shape, 2)), first, goal, radius, within).min(axis=0)
     if radius == 0.0:

@@ -12,27 +12,11 @@ from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import KeyReader
 
 SAMPLES_TOLERANCE = 1e-6
-"""Of samples: relative to the path's length, the travel time, and the largest value of each quantity; rad."""
 ROUNDING = 1e-15  # relative to the largest number of a list
 
 
 def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Array]) -> None:
-    """Refuse samples of a plan file that its path and acceleration do not give.
-
-    Parameters
-    ----------
-    part : KeyReader
-        Of ``samples``.
-    trip : Trip
-        Of the same file.
-    told : callable
-        Of a quantity's name and (n,) absolute times: its values then.
-
-    Raises
-    ------
-    PlanError
-        Naming the first list that disagrees, and where it does so most.
-    """
+    """Refuse samples of a plan file that its path and acceleration do not give."""
     times, first, lasts = part.vector("time", None), trip.frame.time, trip.trajectory.travel_time
     last = first + lasts
     slack = SAMPLES_TOLERANCE * lasts + ROUNDING * max(abs(first), abs(last))
@@ -65,7 +49,6 @@ def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Arra
 
 
 def _apart(name: str, given: Array, found: Array) -> Array:
-    """How far values are apart, (n,): vectors by their length, headings by the shorter way round."""
     difference = given - found
     if name == "heading":
         difference = np.remainder(difference + pi, 2.0 * pi) - pi

@@ -105,14 +105,7 @@ def animate(recording: Recording, path: str | PathLike[str], *, hold: float = 1.
 
 
 class Film:
-    """A picture of one time of a recording, that can be moved from time to time.
-
-    What stays is drawn once; a frame draws only what moves.
-
-    Parameters
-    ----------
-    recording : Recording
-    """
+    """A picture of one time of a recording, that can be moved from time to time."""
 
     def __init__(self, recording: Recording) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -39,21 +39,7 @@ class Convex(Protocol):
 
 
 def boundary_of(zone: Convex, times: Array, count: int = BOUNDARY_POINTS) -> Array:
-    """Points on the boundary of a convex zone about its centre: the gradient of its support function.
-
-    Parameters
-    ----------
-    zone : Convex
-    times : (n,) array
-        Absolute, s.
-    count : int
-        Number of directions.
-
-    Returns
-    -------
-    (n, count, 2) array
-        Relative to the centre, m, anticlockwise.
-    """
+    """Points on the boundary of a convex zone about its centre: the gradient of its support function."""
     angles = _PHASE + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     shape = (len(times), count)
     directions = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)], axis=-1), (*shape, 2))
@@ -91,22 +77,7 @@ def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
 
 
 def boundaries_of(zones: Sequence[ThreatZone], times: Array, count: int = BOUNDARY_POINTS) -> Array:
-    """Points on the boundaries of all convex pieces of an obstacle's zones about the centre of the first one.
-
-    Parameters
-    ----------
-    zones : sequence of ThreatZone
-        One, or several of an obstacle of several futures.
-    times : (n,) array
-        Absolute, s.
-    count : int
-        Number of directions.
-
-    Returns
-    -------
-    (n, p, count, 2) array
-        m, anticlockwise.
-    """
+    """Points on the boundaries of all convex pieces of an obstacle's zones about the centre of the first one."""
     center = zones[0].center(times)
     pieces = [
         boundary_of(piece, times, count) + (zone.center(times) - center)[:, None]
@@ -117,27 +88,13 @@ def boundaries_of(zones: Sequence[ThreatZone], times: Array, count: int = BOUNDA
 
 
 def borders_of(pieces: Sequence[Array]) -> Array:
-    """Give the border of the union of convex polygons.
-
-    Parameters
-    ----------
-    pieces : sequence of (k, 2) arrays
-        Vertices, anticlockwise, m.
-
-    Returns
-    -------
-    (n, 2, 2) array
-        Its bits, m, as start and end; whether one belongs to it is decided by its middle.
-    """
+    """Give the border of the union of convex polygons."""
     size = float(np.ptp(np.concatenate(pieces), axis=0).max())
     return np.concatenate([_borders(piece, k, pieces, size) for k, piece in enumerate(pieces)])
 
 
 def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Array:
-    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams.
-
-    A seam lies in another piece, or on its border and runs the other way.
-    """
+    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams."""
     ends = np.roll(piece, -1, axis=0)
     counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
     parts = np.concatenate([np.arange(count) / count for count in counts if count])

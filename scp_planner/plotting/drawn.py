@@ -1,4 +1,4 @@
-"""What of a recording a map shows: which zones at which times, and how much room they take."""
+"""Selection of a recording's zones for a map."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ many times as large as the obstacle: so little is known that they would only hid
 COVERS = 0.5
 """Zones larger than this part of the trip's extent are not filled: they would paint over the whole map."""
 STILL = 1e-3
-"""What moves and grows by less than this part of the trip's extent stands."""
+"""Share of the trip's extent: an obstacle that moves and grows by less stands still."""
 EDGE = 0.02
 """Room between the edge of the map and what just fits, as a part of the trip's extent."""
 
@@ -28,12 +28,12 @@ def length_of(recording: Recording) -> float:
 
 
 def is_near(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
-    """Whether an obstacle's zone is near to the vehicle at a time."""
+    """True if an obstacle's zone is near to the vehicle at a time."""
     return bool(obstacle.clearance[index] < CLOSE_BY * length_of(recording))
 
 
 def is_shown(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
-    """Whether an obstacle's zone is drawn at a time: near ones are, others if they do not hide what matters."""
+    """True if an obstacle's zone is drawn at a time: near ones are, others if they do not hide what matters."""
     if is_near(recording, obstacle, index):
         return True
     size, own = (
@@ -44,7 +44,7 @@ def is_shown(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool
 
 
 def stands(recording: Recording, obstacle: ObstacleRecord) -> bool:
-    """Whether an obstacle and its zone are the same all the time."""
+    """True if an obstacle and its zone are the same all the time."""
     # Of what really was it is known whether it stood, whatever its zones did.
     courses = [obstacle.center, obstacle.boundary] if obstacle.truth is None else [obstacle.truth]
     # What is not known of at some time is NaN, and no less than anything.
@@ -57,22 +57,7 @@ def nearest(obstacle: ObstacleRecord) -> int:
 
 
 def map_extent(recording: Recording, indices: Index) -> tuple[Array, Array]:
-    """Corners of a map on which no zone that is drawn is cut off, (2,) and (2,) m.
-
-    Zones that do not even touch the recording's own extent stay outside, and those that are larger than the trip
-    are cut off all the same: they would shrink it to a dot.
-
-    Parameters
-    ----------
-    recording : Recording
-    indices : (k,) array of int
-        Of the times that the map shows.
-
-    Returns
-    -------
-    low, high : (2,) arrays
-        m.
-    """
+    """Corners of a map on which no zone that is drawn is cut off, (2,) and (2,) m."""
     low, high = recording.extent()
     shown = [
         (obstacle, int(index))
@@ -100,14 +85,14 @@ def _with(recording: Recording, low: Array, high: Array, parts: list[Array]) -> 
 
 
 def is_cut_off(recording: Recording, points: Array, low: Array, high: Array) -> bool:
-    """Whether points (n, 2) m hang over the edge of a map that had room for all that the trip alone shows."""
+    """True if points (n, 2) m hang over the edge of a map that had room for all that the trip alone shows."""
     least, greatest = points.min(axis=0), points.max(axis=0)
     inside, outside = (least >= low) & (greatest <= high), (greatest < low) | (least > high)
     return not (inside.all() or outside.any()) and bool((greatest - least).max() <= _most(recording))
 
 
 def covers_all(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
-    """Whether an obstacle's zone is so large that it would paint over the whole map."""
+    """True if an obstacle's zone is so large that it would paint over the whole map."""
     return float(np.ptp(obstacle.zone_at(index).reshape(-1, 2), axis=0).min()) > COVERS * length_of(recording)
 
 
@@ -117,5 +102,5 @@ def _most(recording: Recording) -> float:
 
 
 def _has_zone(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
-    """Whether a zone is known and drawn at a time."""
+    """True if a zone is known and drawn at a time."""
     return not np.isnan(obstacle.center[index]).any() and is_shown(recording, obstacle, index)

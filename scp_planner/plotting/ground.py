@@ -28,15 +28,7 @@ GUIDE_LOOK: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, 
 
 
 def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
-    """Draw what stands: bounds, corridor, walls, lanes, slow places and guide; what is forbidden is hatched.
-
-    Parameters
-    ----------
-    axes : Axes
-    recording : Recording
-    low, high : (2,) arrays
-        Corners of the map, m.
-    """
+    """Draw what stands: bounds, corridor, walls, lanes, slow places and guide; what is forbidden is hatched."""
     from matplotlib.patches import PathPatch, Polygon, Rectangle
 
     # All below the grid, which has 0.5.
@@ -68,15 +60,12 @@ def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> No
 
 
 def has_forbidden(recording: Recording) -> bool:
-    """Whether there is ground that the vehicle may not be on."""
+    """True if there is ground that the vehicle may not be on."""
     return bool(recording.corridor or recording.walls or recording.bounds is not None)
 
 
 def slow_cells(recording: Recording, x: Array, y: Array) -> Array:
-    """Speed limits by place at the points of a grid, (len(y), len(x)) m/s; inf where there is none.
-
-    What is forbidden has none: outside the corridor nobody drives slowly.
-    """
+    """Speed limits by place at the points of a grid, (len(y), len(x)) m/s; inf where there is none."""
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     limits = limits_at(recording.stretches, points)
     if recording.corridor:
@@ -88,19 +77,7 @@ def slow_cells(recording: Recording, x: Array, y: Array) -> Array:
 
 
 def slow_boxes(recording: Recording, low: Array, high: Array) -> dict[float, list[Array]]:
-    """Cover slow places with boxes that do not overlap.
-
-    Parameters
-    ----------
-    recording : Recording
-    low, high : (2,) arrays
-        Corners of what is looked at, m.
-
-    Returns
-    -------
-    dict
-        By speed limit, m/s: boxes, (2, 2) m each, lower left and upper right corner; in steps of the cells.
-    """
+    """Cover slow places with boxes that do not overlap."""
     if not recording.stretches:
         return {}
     cell = float((high - low).max()) / CELLS
@@ -128,7 +105,7 @@ def path_of(bits: Array) -> Path:
 
 
 def _inside(points: Array, polygon: Array) -> Mask:
-    """Whether points (n, 2) lie in a convex polygon, anticlockwise, (n,)."""
+    """True if points (n, 2) lie in a convex polygon, anticlockwise, (n,)."""
     sides = np.roll(polygon, -1, axis=0) - polygon
     offset = points[:, None] - polygon
     leftward = sides[:, 0] * offset[..., 1] - sides[:, 1] * offset[..., 0]

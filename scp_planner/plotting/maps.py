@@ -43,17 +43,7 @@ _KEY_SPACING: dict[str, Any] = {"handletextpad": 0.4, "columnspacing": 1.0, "bor
 
 
 def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) -> None:
-    """Draw the trip, coloured by speed, and vehicle and zones at some times in one colour a time.
-
-    Parameters
-    ----------
-    axes : Axes
-    recording : Recording
-    indices : (k,) array of int
-        Of the times to show; no more than there are colours.
-    narrow : bool
-        Whether the legend needs several rows.
-    """
+    """Draw the trip, coloured by speed, and vehicle and zones at some times in one colour a time."""
     lay_out(axes, recording, *map_extent(recording, indices))
     draw_tracks(axes, recording)
     standing = [stands(recording, obstacle) for obstacle in recording.bodies]
@@ -173,7 +163,6 @@ class Key:
 
 
 def key_to_symbols(recording: Recording) -> Key:
-    """What the marks on the map mean."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -209,11 +198,7 @@ def _key_to_times(recording: Recording, indices: Index) -> Key:
 
 
 def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
-    """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; and its shape.
-
-    What would only hide what matters is left out: large zones that are far away, in a crowd all that are, the inside of
-    zones that cover all of the map, and what is beyond the trip and would be cut off.
-    """
+    """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; and its shape."""
     from matplotlib.patches import PathPatch, Polygon
 
     near, shown = is_near(recording, obstacle, index), is_shown(recording, obstacle, index)
@@ -275,10 +260,7 @@ def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> 
 
 
 def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index, places: list[Array]) -> None:
-    """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle.
-
-    It is left out where it would hide one of the names that have their places already.
-    """
+    """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle."""
     from matplotlib.patheffects import withStroke
 
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()

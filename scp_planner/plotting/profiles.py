@@ -20,20 +20,7 @@ if TYPE_CHECKING:
 def draw_profiles(
     panels: list[Axes], recording: Recording, indices: Index, *, stacked: bool, fact_width: int = 36
 ) -> None:
-    """Draw the facts, the profiles and the clearance, one a panel.
-
-    Parameters
-    ----------
-    panels : list of Axes
-        Two more than the recording has profiles, row by row.
-    recording : Recording
-    indices : (k,) array of int
-        Of times to mark, in the colours of the map.
-    stacked : bool
-        Whether the panels are one above the other; if not, in two rows of three.
-    fact_width : int
-        Most letters in a line of the facts.
-    """
+    """Draw the facts, the profiles and the clearance, one a panel."""
     facts, *profiles, clearance = panels
     write_facts(facts, recording, fact_width)
     for axes, profile in zip(profiles, recording.profiles, strict=True):

@@ -1,8 +1,4 @@
-"""What pictures show: a trip and the obstacles around it, sampled in time.
-
-A :class:`Recording` is all that the animation and the viewer know. `record_plan` makes one of a plan; what
-else moves (a closed loop, a log of a real vehicle) can be shown by making one of it.
-"""
+"""A trip and the obstacles around it, sampled in time for pictures."""
 
 from __future__ import annotations
 
@@ -29,73 +25,35 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Obstacle, Scenario, Vehicle
 
 Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
-"""What obstacles really did, by id: a function from times (n,) s to centres (n, 2) m, or the two arrays
-(times, centres) of a record, between which it is interpolated."""
+"""True motions of obstacles by id: a function from times (n,) s to centres (n, 2) m, or the two arrays."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """A quantity over time and its limits.
+    """A quantity over time and its limits."""
 
-    Attributes
-    ----------
-    name, unit : str
-        As they stand at the axis.
-    values : (n,) array
-    lower, upper : float or None
-        Limits; None: unbounded.
-    upper_at : (n,) array or None
-        The upper limit at each time, where it is not the same in all places.
-    """
-
-    name: str
-    unit: str
-    values: Array
-    lower: float | None = None
-    upper: float | None = None
-    upper_at: Array | None = None
+    name: str  # As they stand at the axis
+    unit: str  # As they stand at the axis
+    values: Array  # (n,)
+    lower: float | None = None  # Limits; None: unbounded
+    upper: float | None = None  # Limits; None: unbounded
+    upper_at: Array | None = None  # (n,) The upper limit at each time, where it is not the same in all places
 
 
 @dataclass(frozen=True)
 class ObstacleRecord:
-    """One obstacle at the times of a recording.
-
-    Attributes
-    ----------
-    id : str
-    center : (n, 2) array
-        Where it is thought to be, m; NaN while it is not known of.
-    heading : (n,) array
-        Direction in which it moves, or is thought to move where nobody knows, rad.
-    body : (k, 2) array
-        Vertices of its shape about its centre, at heading 0, m.
-    turns : bool
-        Whether the shape turns with the heading.
-    padded : bool
-        Whether the zone holds more than the shape.
-    boundary : (n, p, m, 2) array
-        Points on the boundaries of the p convex pieces of its zones, in order, relative to the centre, m.
-    clearance : (n,) array
-        From the vehicle's disc to the zone, m, negative inside; NaN while there is none.
-    truth : (n, 2) array or None
-        Where its centre really was, m; NaN at times without a record.
-    observed : (j, 2) array or None
-        Positions from which its motion was estimated, m.
-    outside : bool
-        Whether it is ground, what lies outside the corridor or the walls: it has a clearance, but neither body nor
-        boundary.
-    """
+    """One obstacle at the times of a recording."""
 
     id: str
-    center: Array
-    heading: Array
-    body: Array
+    center: Array  # (n, 2)
+    heading: Array  # (n,) Direction in which it moves, or is thought to move where nobody knows, rad
+    body: Array  # (k, 2) Vertices of its shape about its centre, at heading 0, m
     turns: bool
     padded: bool
-    boundary: Array
-    clearance: Array
-    truth: Array | None = None
-    observed: Array | None = None
+    boundary: Array  # (n, p, m, 2) Points on the boundaries of the p convex pieces of its zones
+    clearance: Array  # (n,) From the vehicle's disc to the zone, m, negative inside; NaN while there is none
+    truth: Array | None = None  # (n, 2)
+    observed: Array | None = None  # (j, 2) Positions from which its motion was estimated, m
     outside: bool = False
 
     def zone_at(self, index: int) -> Array:
@@ -103,7 +61,7 @@ class ObstacleRecord:
         return self.center[index] + self.boundary[index]
 
     def truth_at(self, index: int) -> Array | None:
-        """Where its centre really was at one of the times, (2,) m; None without a record."""
+        """True centre at one of the times, (2,) m; None without a record."""
         if self.truth is None or np.isnan(self.truth[index]).any():
             return None
         return self.truth[index]
@@ -119,7 +77,7 @@ class ObstacleRecord:
 
 @dataclass(frozen=True)
 class ReplanRecord:
-    """What a replan came to: absolute time in s, outcome, whether that is safe, and why."""
+    """Result of a replan: absolute time in s, outcome, whether that is safe, and why."""
 
     time: float
     outcome: str
@@ -129,80 +87,35 @@ class ReplanRecord:
 
 @dataclass(frozen=True)
 class Recording:
-    """A trip and the obstacles around it at n increasing times.
-
-    Attributes
-    ----------
-    name : str
-        Of the scenario.
-    facts : tuple of (str, str)
-        What is to be told of the whole, as name and text.
-    time : (n,) array
-        Absolute, s.
-    position : (n, 2) array
-        Of the vehicle, m.
-    heading, speed : (n,) arrays
-        rad, m/s.
-    radius : float
-        Of the vehicle, m.
-    max_speed : float
-        m/s.
-    goal : (x, y) in m
-    goal_radius : float
-        m.
-    bounds : ((x, y), (x, y)) or None
-        Corners of the workspace, m.
-    paths : tuple of (k, 2) arrays
-        Planned paths, m: one for a plan, one a cycle for a closed loop.
-    path_index : (n,) array of int
-        Which of the paths is the plan at each time.
-    profiles : tuple of Profile
-    obstacles : tuple of ObstacleRecord
-    corridor : tuple of (k, 2) arrays
-        Polygons that the vehicle stays in, m.
-    discs : sequence of float
-        Where the vehicle's discs are on its axis, m ahead of the position.
-    walls : tuple of (k, 2) arrays
-        Polygons that no disc of the vehicle enters, m.
-    lanes : tuple of (k, 2) arrays
-        Borders of lanes, m, which nobody is kept from.
-    guide : (k, 2) array or None
-        The lane that the path is an offset of, m; None: straight.
-    stretches : tuple of Stretch
-        Where the vehicle may not be as fast as elsewhere.
-    replans : tuple of ReplanRecord
-        Of a closed loop, in order.
-    goal_region : (k, 2) array or None
-        Polygon that the trip ends in, m.
-    """
+    """A trip and the obstacles around it at n increasing times."""
 
     name: str
     facts: tuple[tuple[str, str], ...]
-    time: Array
-    position: Array
-    heading: Array
-    speed: Array
-    radius: float
-    max_speed: float
+    time: Array  # (n,) Absolute, s
+    position: Array  # (n, 2) m
+    heading: Array  # (n,) rad, m/s
+    speed: Array  # (n,) rad, m/s
+    radius: float  # m
+    max_speed: float  # m/s
     goal: tuple[float, float]
-    goal_radius: float
-    bounds: tuple[tuple[float, float], tuple[float, float]] | None
-    paths: tuple[Array, ...]
-    path_index: Index
+    goal_radius: float  # m
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None  # Corners of the workspace, m
+    paths: tuple[Array, ...]  # (k, 2) Planned paths, m: one for a plan, one a cycle for a closed loop
+    path_index: Index  # (n,)
     profiles: tuple[Profile, ...]
     obstacles: tuple[ObstacleRecord, ...]
-    corridor: tuple[Array, ...] = ()
+    corridor: tuple[Array, ...] = ()  # (k, 2) Polygons that the vehicle stays in, m
     discs: Sequence[float] = (0.0,)
-    walls: tuple[Array, ...] = ()
-    lanes: tuple[Array, ...] = ()
-    guide: Array | None = None
+    walls: tuple[Array, ...] = ()  # (k, 2) Polygons that no disc of the vehicle enters, m
+    lanes: tuple[Array, ...] = ()  # (k, 2) Borders of lanes, m, which nobody is kept from
+    guide: Array | None = None  # (k, 2) The lane that the path is an offset of, m; None: straight
     stretches: tuple[Stretch, ...] = ()
     replans: tuple[ReplanRecord, ...] = ()
-    goal_region: Array | None = None
+    goal_region: Array | None = None  # (k, 2) Polygon that the trip ends in, m
 
     @property
     def epoch(self) -> float:
-        """What times are shown relative to, s: 0, or the start on a clock that is far from 0."""
+        """Origin of displayed times, s: 0, or the start on a clock that is far from 0."""
         return clock_of(self.time)
 
     @property
@@ -244,27 +157,7 @@ class Recording:
 
 
 def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None) -> Recording:
-    """Sample a plan and the zones of its scenario.
-
-    Parameters
-    ----------
-    plan : Plan
-    scenario : Scenario
-        Its zones are computed anew.
-    times : (n,) array or int
-        Absolute times, s, or how many, spread equally over the trip.
-    truth : mapping, optional
-        What obstacles really did, see `Truth`.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    ValueError
-        If `truth` names an obstacle that is not there.
-    """
+    """Sample a plan and the zones of its scenario."""
     time = (
         np.linspace(plan.start_time, plan.arrival_time, times)
         if isinstance(times, int)
@@ -332,21 +225,7 @@ def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:
 def profiles_of(
     vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array, speed_limit: Array | None = None
 ) -> tuple[Profile, ...]:
-    """Set what a vehicle does beside what it can do.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    speed, acceleration, curvature : (n,) arrays
-        m/s; along the path, m/s2; signed, 1/m.
-    speed_limit : (n,) array, optional
-        Where it is not the same in all places, m/s.
-
-    Returns
-    -------
-    tuple of Profile
-        Speed, acceleration, lateral acceleration, curvature.
-    """
+    """Set what a vehicle does beside what it can do."""
     lateral, bend = vehicle.max_lateral_acceleration, vehicle.max_curvature
     return (
         Profile("speed", "m/s", speed, 0.0, vehicle.max_speed, speed_limit),

@@ -41,22 +41,7 @@ BOUNDARY_POINTS = 48
 
 
 def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
-    """Sample a closed loop.
-
-    Parameters
-    ----------
-    run : Run
-    frames_per_second : float
-        1/s; less if the run is very long.
-    times : (n,) array
-        To be sampled too, s.
-
-    Returns
-    -------
-    Recording
-        Its paths are what was left of each cycle's plan. Zones are those of the latest cycle, NaN while there was
-        none; clearances are to them. Acceleration and curvature are differences of the driven speed and heading.
-    """
+    """Sample a closed loop."""
     span = float(run.time[-1] - run.time[0])
     frames = int(np.clip(math.ceil(span * frames_per_second), 2, MOST_FRAMES))
     time = np.union1d(np.linspace(run.time[0], run.time[-1], frames + 1), times)

@@ -14,7 +14,7 @@ FAR_CLOCK = 1e4
 
 
 def clock_of(time: Array) -> float:
-    """What to show times (n,) s relative to, s: 0, or the first one on a clock that is far from 0."""
+    """Origin for displaying times (n,) s: 0, or the first one on a clock that is far from 0."""
     return float(time[0]) if abs(time[0]) > FAR_CLOCK else 0.0
 
 
@@ -57,20 +57,7 @@ def unit_of(span: float) -> Unit:
 
 
 def unit_of_rate(name: str, most: float) -> Unit:
-    """Unit for an axis of speeds, accelerations or curvatures.
-
-    Parameters
-    ----------
-    name : str
-        Unit in which they are given: one with m in it, as ``m/s``, or ``1/m``.
-    most : float
-        The largest of them, in that unit.
-
-    Returns
-    -------
-    Unit
-        In km where at least two of them are shown, and in mm where it is next to nothing in m.
-    """
+    """Unit for an axis of speeds, accelerations or curvatures."""
     inverse = name.startswith("1/")
     length = 1.0 / most if inverse and most > 0.0 else most
     kilometres, _, millimetres = UNITS
@@ -83,20 +70,7 @@ def unit_of_rate(name: str, most: float) -> Unit:
 
 
 def nice_times(start: float, end: float, most: int = 6) -> Array:
-    """Instants to show: round ones after the start, the start and the end, (n,) s.
-
-    Parameters
-    ----------
-    start, end : float
-        s.
-    most : int
-        No more than this many, at least 2.
-
-    Returns
-    -------
-    (n,) array
-        s.
-    """
+    """Instants to show: round ones after the start, the start and the end, (n,) s."""
     span = end - start
     power = 10.0 ** np.floor(np.log10(span / most))
     step = next(

@@ -21,16 +21,7 @@ DPI = 110
 
 
 def sketch_plan(plan: Plan) -> Figure:
-    """Draw where a plan leads, in the colours of its speed, and its speed over time; no obstacles: a plan has none.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw where a plan leads, in the colours of its speed, and its speed over time; no obstacles: a plan has none."""
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 

@@ -43,35 +43,18 @@ GRID = 480
 
 @dataclass(frozen=True)
 class _Grids:
-    """Where the vehicle's reference point could be instead.
+    """Places that the vehicle's reference point could be at instead."""
 
-    Attributes
-    ----------
-    time : (GRID,) array
-        Absolute, s.
-    position : (GRID, 2) array
-        Of the vehicle, m.
-    distance, offset : (GRID,) arrays
-        Of the vehicle along its path and to the left of the guide, m.
-    stations, offsets : (GRID,) arrays
-        The grid's distances and offsets, m.
-    along, across : (GRID, GRID, 2) arrays
-        Points on the path at each station and time; beside the guide, level with the vehicle, at each offset
-        and time; m.
-    along_ahead, across_ahead : (GRID, GRID, 2) arrays
-        Unit vectors in which the vehicle looks there: along its path; as it does at the time.
-    """
-
-    time: Array
-    position: Array
-    distance: Array
-    offset: Array
-    stations: Array
-    offsets: Array
-    along: Array
-    across: Array
-    along_ahead: Array
-    across_ahead: Array
+    time: Array  # (GRID,) Absolute, s
+    position: Array  # (GRID, 2) m
+    distance: Array  # (GRID,) m
+    offset: Array  # (GRID,) m
+    stations: Array  # (GRID,) The grid's distances and offsets, m
+    offsets: Array  # (GRID,) The grid's distances and offsets, m
+    along: Array  # (GRID, GRID, 2) Points on the path at each station and time
+    across: Array  # (GRID, GRID, 2) Points on the path at each station and time
+    along_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there: along its path
+    across_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there: along its path
 
 
 @dataclass(frozen=True)

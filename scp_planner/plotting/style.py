@@ -1,4 +1,4 @@
-"""How pictures look, and how they are saved."""
+"""Style of pictures, and how they are saved."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8
 """Okabe and Ito's, neighbours apart in lightness too; but for their yellow, which is too light on white."""
 INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
 FORBIDDEN, SLOW, SLOW_TEXT = "#DCDCDC", "#E8C547", "#6B5500"
-"""Of ground: where the vehicle may not be, and where it may not be fast."""
+"""Colours of ground: forbidden to the vehicle, or with a low speed limit."""
 DOTTED = (0, (1, 1.2))
 
 _SETTINGS: dict[str, Any] = {
@@ -72,23 +72,7 @@ def style() -> Iterator[None]:
 
 
 def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
-    """Give the suffix of a file to write, in lower case, with its dot.
-
-    Parameters
-    ----------
-    path : path
-    suffixes : tuple of str
-        Those allowed.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError
-        If it is none of those allowed.
-    """
+    """Give the suffix of a file to write, in lower case, with its dot."""
     suffix = Path(path).suffix.lower()
     if suffix not in suffixes:
         raise ValueError(f"{path}: must end in one of {', '.join(suffixes)}")

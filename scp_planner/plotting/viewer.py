@@ -1,7 +1,4 @@
-"""A plan, or whatever else was recorded, as one HTML file to look at in a browser.
-
-The file holds its data, style and script; it fetches nothing and works from disk.
-"""
+"""A plan, or whatever else was recorded, as one HTML file to look at in a browser."""
 
 from __future__ import annotations
 

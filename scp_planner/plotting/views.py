@@ -1,4 +1,4 @@
-"""What a plan or a closed loop can be looked at as, and what the name of a file asks for."""
+"""Views of a plan or a closed loop, and the file formats for them."""
 
 from __future__ import annotations
 

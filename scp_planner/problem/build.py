@@ -43,12 +43,7 @@ def build_problem(
     guide: Guide | None = None,
     spans: int | None = None,
 ) -> Problem:
-    """Make a scenario, in its natural units, ready for planning among zones, one an obstacle.
-
-    Breakpoints are of the acceleration, in normalised time: the same ones for many problems share their tables. The
-    guide is in the planning frame; by default it is the scenario's polyline, smoothed, or what `default_guide` gives.
-    `TooLargeError` if its splines would take too much memory.
-    """
+    """Make a scenario, in its natural units, ready for planning among zones, one an obstacle."""
     start, goal, settings = scenario.start, scenario.goal, for_scene(given)
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
         settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
@@ -126,10 +121,6 @@ def _with_ramps(switches: tuple[float, ...], scenario: Scenario) -> tuple[float,
 
 
 def acceleration_breakpoints(spans: int, switches: Sequence[float]) -> tuple[float, ...]:
-    """Return breakpoints at equal spans of normalised time and at each switching time, however near that is to others.
-
-    The nearest equidistant one inside is moved onto a switching time; one that finds none left is a further one.
-    """
     breaks = np.linspace(0.0, 1.0, spans + 1)
     moved, further = set[int](), list[float]()
     for switch in switches:

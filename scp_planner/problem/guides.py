@@ -46,12 +46,7 @@ def _spans(length: float, settings: SceneSettings, *, straight: bool) -> int:
 
 
 def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: SceneSettings) -> Guide:
-    """Return the guide of a scenario, in the planning frame.
-
-    It is the scenario's polyline, smoothed. Without one it is the straight line to the goal, or where that leaves the
-    corridor, a polyline in it. Where the heading at an end differs from that line by more than can be done by offsets,
-    it is the shortest path of a curvature somewhat below the limit.
-    """
+    """Return the guide of a scenario, in the planning frame."""
     start, goal = scenario.start, scenario.goal
     distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
     radius = _turning_radius(limits, distance)
@@ -74,20 +69,7 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
 
 
 def guide_over(points: Array, scenario: Scenario, limits: Limits, settings: SceneSettings) -> Guide:
-    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven.
-
-    Parameters
-    ----------
-    points : (n, 2) array
-        In the planning frame, m.
-    scenario : Scenario
-    limits : Limits
-    settings : SceneSettings
-
-    Returns
-    -------
-    Guide
-    """
+    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven."""
     radius = _turning_radius(limits, round(float(np.hypot(*points[-1])), DECIMALS))
     # Offsets to the outside of a bend are easy, those to the inside are not
     radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
@@ -103,10 +85,7 @@ def _turning_radius(limits: Limits, distance: float) -> float:
 
 
 def _smoothed(polyline: Array, radius: float, settings: SceneSettings) -> Guide:
-    """The guide along a polyline, (n, 2) m, with bends of a radius, m: each span of a path over it is five pieces.
-
-    A vehicle that turns in wide bends only may have a long way to a goal that is near, by which spans are measured.
-    """
+    """The guide along a polyline, (n, 2) m, with bends of a radius, m: each span of a path over it is five pieces."""
     length = float(np.hypot(*np.diff(polyline, axis=0).T).sum())
     span = max(settings.path_span, min(length / MANY_SPANS, BEND_SPAN * radius))
     return smooth_guide(polyline, radius, span / CELLS_PER_SPAN, CELLS_PER_SPAN)
@@ -143,11 +122,7 @@ def guide_along(path: Path, given: Settings) -> CurvedGuide:
 
 
 def may_want_another_guide(problem: Problem, path: Path) -> bool:
-    """Whether another guide might let a path go further.
-
-    So it is over a curved guide that it has left, since inside of a bend offsets have little room and resolution, over
-    a straight one that it crosses steeply, or where a control point is at its bound.
-    """
+    """True if another guide might let a path go further."""
     ends, free = problem.ends, problem.ends.free
     theta = path.theta[free]
     if not problem.space.guide.straight and np.abs(theta).max(initial=0.0) > LEFT * problem.settings.path_span:

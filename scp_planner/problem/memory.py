@@ -1,8 +1,4 @@
-"""How much memory planning takes, told before any of it is taken.
-
-What grows with a scene are the tables of the path's splines (with the square of their spans), and what is looked at of
-a trip: each zone at each sample. All else has limits of its own.
-"""
+"""Memory that planning takes, estimated before any of it is taken."""
 
 from __future__ import annotations
 

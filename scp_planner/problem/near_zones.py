@@ -1,4 +1,4 @@
-"""Which zones a problem is built with."""
+"""Choice of the zones that a problem is built with."""
 
 from __future__ import annotations
 
@@ -14,10 +14,7 @@ LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip c
 
 
 def without_far_zones(problem: Problem, longest: float) -> Problem:
-    """Return a problem without the zones that no trip shorter than ``longest``, s, can meet.
-
-    The trip is taken to stay within the largest offset of the guide.
-    """
+    """Return a problem without the zones that no trip shorter than ``longest``, s, can meet."""
     if problem.zones.size <= FEW_ZONES:
         return problem
     guide = problem.space.guide

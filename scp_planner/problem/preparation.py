@@ -1,4 +1,4 @@
-"""How long it may take to make a scene ready: what is not ready when little time is left is refused."""
+"""Time that it may take to make a scene ready; a scene that cannot be ready in time is refused."""
 
 from __future__ import annotations
 
@@ -13,25 +13,7 @@ PREPARING, LEAST_PREPARING = 0.85, 0.01  # of the time limit, and s: after that 
 
 
 def asked_for_time(limit: float, began: float) -> GoOn | None:
-    """Return what is to be asked now and then whether to go on making a scene ready.
-
-    Parameters
-    ----------
-    limit : float
-        The time limit, s, which is told; inf: none.
-    began : float
-        Value of :func:`time.perf_counter` at which it began.
-
-    Returns
-    -------
-    callable or None
-        None without a limit.
-
-    Raises
-    ------
-    TooLargeError
-        When it is asked too late: saying what to change.
-    """
+    """Return what is to be asked now and then whether to go on making a scene ready."""
     if not np.isfinite(limit):
         return None
     until = began + PREPARING * limit + LEAST_PREPARING

@@ -34,28 +34,15 @@ class TripConstraints(Protocol):
 
 @dataclass(frozen=True)
 class Problem(Setup):
-    """A scenario made ready for planning.
+    """A scenario made ready for planning."""
 
-    Attributes
-    ----------
-    constraints : tuple of Constraint
-        All that the merit prices; clearance is the first.
-    given : TripConstraints or None
-        A user's own.
-    profile : SpeedProfile or None
-        The fastest drive along the guide, where places limit the speed.
-    units : NaturalUnits
-        In which it is written, for what is told of it.
-    """
-
-    constraints: tuple[Constraint, ...]
-    given: TripConstraints | None = None
-    profile: SpeedProfile | None = None
-    units: NaturalUnits = AS_GIVEN
+    constraints: tuple[Constraint, ...]  # All that the merit prices; clearance is the first
+    given: TripConstraints | None = None  # A user's own
+    profile: SpeedProfile | None = None  # The fastest drive along the guide, where places limit the speed
+    units: NaturalUnits = AS_GIVEN  # In which it is written, for what is told of it
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:
-        """How many violations each of the constraints has."""
         return tuple(constraint.size for constraint in self.constraints)
 
     def check_memory(self) -> None:

@@ -13,19 +13,11 @@ SAME_SWITCH = 0.03  # units of time; the acceleration of a profile changes once 
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """The fastest drive along a line.
+    """The fastest drive along a line."""
 
-    Attributes
-    ----------
-    stations, times : (n,) arrays
-        m and s.
-    switches : tuple of float
-        Times at which the acceleration changes, s.
-    """
-
-    stations: Array
-    times: Array
-    switches: tuple[float, ...]
+    stations: Array  # (n,) m and s
+    times: Array  # (n,) m and s
+    switches: tuple[float, ...]  # Times at which the acceleration changes, s
 
     def times_at(self, stations: Array) -> Array:
         """Times at which stations (n,) m are reached, s; beyond the end at the last speed."""
@@ -43,25 +35,7 @@ def fastest_profile(
     deceleration: float,
     power: float = np.inf,
 ) -> SpeedProfile:
-    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards.
-
-    Parameters
-    ----------
-    stations : (n,) array
-        Equidistant, m.
-    limits : (n,) array
-        Of the speed there, m/s; cells between two stations are driven no faster than either allows.
-    start, goal : float
-        Speeds at the ends, m/s; None: free.
-    acceleration, deceleration : float
-        m/s^2, both positive.
-    power : float
-        Largest product of acceleration and speed, m^2/s^3.
-
-    Returns
-    -------
-    SpeedProfile
-    """
+    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards."""
     step = float(stations[1] - stations[0])
     squared = limits.astype(float) ** 2
     squared[0] = start**2

@@ -1,8 +1,4 @@
-"""The fastest way on the ground: past what stands, round where it is slow, no further from the guide than is allowed.
-
-What moves, and what a vehicle takes to speed up and to turn, is left to the search and to the loop: this is where a
-guide may lead, found on a grid by Dijkstra's method, and pulled tight.
-"""
+"""The fastest way on the ground."""
 
 from __future__ import annotations
 
@@ -35,35 +31,14 @@ SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
 
 @dataclass(frozen=True)
 class Ground:
-    """Where may be driven whenever, and how fast.
-
-    Attributes
-    ----------
-    standing : ZoneBatch
-        Zones that neither move nor grow.
-    box : Box
-    line : Line
-        The guide of the scenario, in the planning frame.
-    farthest : float
-        Largest distance from it, m.
-    slow : tuple of Stretch
-        In the planning frame.
-    top : float
-        Speed where there is no limit, m/s.
-    beside : float
-        Places so near to slow ones count as slow, m.
-    deadline : float
-        Value of :func:`time.perf_counter`, at which looks at it are given up.
-    """
-
-    standing: ZoneBatch
+    standing: ZoneBatch  # Zones that neither move nor grow
     box: Box
-    line: Line
-    farthest: float
-    slow: tuple[Stretch, ...]
-    top: float
-    beside: float = 0.0
-    deadline: float = np.inf
+    line: Line  # The guide of the scenario, in the planning frame
+    farthest: float  # Largest distance from it, m
+    slow: tuple[Stretch, ...]  # In the planning frame
+    top: float  # Speed where there is no limit, m/s
+    beside: float = 0.0  # Places so near to slow ones count as slow, m
+    deadline: float = np.inf  # Value of :func:`time.perf_counter`, at which looks at it are given up
 
     def _parts(self, count: int, looks: int) -> Iterator[slice]:
         """Yield parts of so many points at each of which is looked so often, while there is time."""
@@ -73,10 +48,6 @@ class Ground:
             yield slice(begin, begin + size)
 
     def room(self, points: Array, enough: float = 0.0) -> Array:
-        """How far points (n, 2) m are from where may not be driven, (n,) m; negative there.
-
-        Where there is more than enough room, m, it is a lower bound that is more than enough as well.
-        """
         found = np.minimum(self.farthest - self.line.distances(points), self.box.room(points))
         if self.standing.size:
             outlines = self.standing.outlines
@@ -109,25 +80,7 @@ class Ground:
 def fastest_way(
     problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0, deadline: float = np.inf
 ) -> Array | None:
-    """Return the way from start to goal that takes least at the highest speeds that are allowed.
-
-    Parameters
-    ----------
-    problem : Problem
-        Its zones that stand, its bounds, and the largest offset from the guide of its scenario count.
-    slow : tuple of Stretch
-        Limits of the speed by place, in the planning frame.
-    beside : float
-        Steps of the grid; places so near to slow ones count as slow: round the corner of one a smooth path is to pass
-        it, too.
-    deadline : float
-        Value of :func:`time.perf_counter`.
-
-    Returns
-    -------
-    (n, 2) array or None
-        Points of a polyline in the planning frame, m; None where the grid has no way, or it was not found in time.
-    """
+    """Return the way from start to goal that takes least at the highest speeds that are allowed."""
     ground = replace(ground_of(problem, slow), deadline=deadline)
     try:
         grid = _NodesNearLine.of(ground)

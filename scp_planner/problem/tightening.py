@@ -1,4 +1,4 @@
-"""What a certificate found missing between the samples is asked for a little more of: the exchange method."""
+"""Exchange method: constraints that a certificate found violated between samples are tightened."""
 
 from __future__ import annotations
 
@@ -20,12 +20,7 @@ URGENCY = 2.0  # times as much is asked for with each repeat
 def tightened(
     problem: Problem, certificate: Certificate, urgency: float = 1.0, travel_time: float | None = None
 ) -> Problem:
-    """Return a problem that asks for somewhat more of all that the certificate of a trip found violated.
-
-    The trip keeps all sampled constraints of the problem. The urgency is how many times as much as usual is asked for:
-    the next trip may be another one, with other peaks. With the travel time of the trip, s, limits of the drive are
-    then looked at where it exceeds them as well.
-    """
+    """Return a problem that asks for somewhat more of all that the certificate of a trip found violated."""
     inflation, more = np.zeros(problem.zones.size), dict[str, float]()
     for violation in certificate.violations:
         if violation.obstacle is not None:
@@ -43,7 +38,6 @@ def tightened(
 
 
 def _more(violation: Violation, urgency: float) -> float:
-    """How much more is kept from a limit, relative to it, or from the range of a goal."""
     if violation.what == "speed" and not violation.allowed > 0.0:
         return 0.0  # driving backwards is nothing that a lower limit would mend
     excess = violation.value / violation.allowed - 1.0 if violation.allowed else violation.value

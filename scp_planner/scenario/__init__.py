@@ -1,4 +1,4 @@
-"""What comes in: vehicle, start, goal, obstacles, and what is known of them.
+"""Input: vehicle, start, goal, obstacles and their observations.
 
 May import mathematics, settings and files. Begin with `models`; `checks` says how the fields must fit together.
 """

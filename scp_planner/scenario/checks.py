@@ -1,8 +1,4 @@
-"""How the fields of a scenario must fit together. Each rule looks at one part and yields what is wrong.
-
-A rule reads the fields that it needs; where one of them is faulty itself the rule ends there (see
-`scp_planner.scenario.validation`), so rules are small and independent.
-"""
+"""Rules of a scenario; each looks at one part and yields its faults."""
 
 from __future__ import annotations
 
@@ -58,7 +54,7 @@ def discs_have_a_reference(vehicle: Any) -> Iterator[Objection]:
 
 
 def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Objection]:
-    """What turns where it stands sweeps no more than it covers."""
+    """Only vehicles that sweep no more than they cover turn on the spot."""
     if len(vehicle.discs) > 1 and vehicle.steering != "ahead":
         yield Objection(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
 
@@ -284,7 +280,7 @@ def start_is_free(scenario: Any) -> Iterator[Objection]:
 
 
 def _is_exact(motion: Any) -> bool:
-    """Whether a motion is given that is known exactly."""
+    """True if a motion is given that is known exactly."""
     return motion is not None and all(_known(motion, key) is None for key in ("covariance", "futures"))
 
 
@@ -365,7 +361,7 @@ def ahead_of(end: Any, distance: float) -> planar.Point:
 
 
 def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
-    """Where the centres of the vehicle's discs are at the start or the goal, as far as the heading there is known."""
+    """Centres of the vehicle's discs at the start or the goal, as far as the heading there is known."""
     if end.heading is None:
         return [end.position]
     c, s = math.cos(end.heading), math.sin(end.heading)
@@ -373,7 +369,7 @@ def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
 
 
 def same_place(p: planar.Point, q: planar.Point, *others: planar.Point) -> bool:
-    """Whether two points are one to rounding: that of their coordinates, and of those of others that they are among."""
+    """True if two points are one to rounding: that of their coordinates, and of those of others that they are among."""
     return math.dist(p, q) <= SAME_PLACE * max(abs(value) for point in (p, q, *others) for value in point)
 
 
@@ -406,7 +402,7 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
 
 
 def _length(shape: Any) -> float:
-    """How long a shape is that heads along its motion, m; 0 for others: which way they head makes no difference."""
+    """Length of a shape that heads along its motion, m; 0 for others."""
     if hasattr(shape, "rectangle"):
         return math.hypot(*shape.rectangle)
     return 2.0 * max(shape.ellipse) if hasattr(shape, "ellipse") else 0.0

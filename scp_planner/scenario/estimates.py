@@ -1,4 +1,4 @@
-"""What a tracker says of an obstacle: its state at a time, and how sure it is of it."""
+"""State of an obstacle at a time and its covariance, from a tracker."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _covariance_is_of_the_state(estimate: Any) -> Iterator[Objection]:
 
 
 def _is_definite(matrix: Any, scale: list[float]) -> bool:
-    """Whether Cholesky's factors of a matrix exist, beyond the rounding of correlations."""
+    """True if Cholesky's factors of a matrix exist, beyond the rounding of correlations."""
     if min(scale) == 0.0:
         return False
     factor: list[list[float]] = []
@@ -57,7 +57,7 @@ def _is_definite(matrix: Any, scale: list[float]) -> bool:
 
 
 class Estimate(Part):
-    """What a tracker says of an obstacle at a time: its state, and the covariance of the state's error.
+    """State of an obstacle at a time, as a tracker gives it, and the covariance of the state's error.
 
     The obstacle's ``model`` says how it goes on from there: with process noise, or as a polynomial of its order.
     """

@@ -1,4 +1,4 @@
-"""How the fields of a goal must fit together, and to the scene's others."""
+"""Rules of a goal, alone and in its scene."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def region_is_simple(goal: Any) -> Iterator[Objection]:
 
 
 def goal_is_told_once(goal: Any) -> Iterator[Objection]:
-    """Where a region or a range is given, there is no radius or value besides it."""
+    """A goal has a region or a range, or else a radius or a value."""
     if goal.region is not None and goal.radius > 0.0:
         yield Objection(("radius",), goal.radius, "must be 0 where a region is given")
     for key in ("heading", "speed"):

@@ -15,34 +15,14 @@ from scp_planner.scenario.models import Scenario
 
 @dataclass(frozen=True)
 class GoalSides:
-    """Half planes normal . q <= offset of the planning frame that the middle of the vehicle ends in.
+    """Half planes normal . q <= offset of the planning frame that the middle of the vehicle ends in."""
 
-    Attributes
-    ----------
-    normals : (S, 2) array
-        Outward unit normals.
-    offsets : (S,) array
-        m, less the planner's margin.
-    """
-
-    normals: Array
-    offsets: Array
+    normals: Array  # (S, 2) Outward unit normals
+    offsets: Array  # (S,) m, less the planner's margin
 
     @classmethod
     def of(cls, scenario: Scenario, frame: PlanningFrame, margin: float) -> GoalSides | None:
-        """Return the sides of that part of the goal's region that the trip aims at; None without a region.
-
-        Parameters
-        ----------
-        scenario : Scenario
-        frame : PlanningFrame
-        margin : float
-            Kept from each side, m.
-
-        Returns
-        -------
-        GoalSides or None
-        """
+        """Return the sides of that part of the goal's region that the trip aims at; None without a region."""
         region = scenario.goal.region
         if region is None:
             return None
@@ -57,18 +37,7 @@ class GoalSides:
         return cls(normals @ frame.rotation, offsets)
 
     def along(self, point: Array, direction: Array) -> tuple[float, float]:
-        """Return between which multiples of a direction from a point the line is inside; first above last if nowhere.
-
-        Parameters
-        ----------
-        point, direction : (2,) arrays
-            Planning frame, m; the direction of length 1.
-
-        Returns
-        -------
-        (first, last)
-            m.
-        """
+        """Return between which multiples of a direction from a point the line is inside."""
         rate, room = self.normals @ direction, self.offsets - self.normals @ point
         with np.errstate(divide="ignore", invalid="ignore"):
             at = room / rate

@@ -1,7 +1,4 @@
-"""Goals that are regions: their convex parts, and where to aim at in one.
-
-A region that is not convex is cut into convex parts; a trip ends in the part that it aims at.
-"""
+"""Goals that are regions: their convex parts, and where to aim at in one."""
 
 from __future__ import annotations
 
@@ -16,20 +13,7 @@ INWARDS = 1e-3
 
 
 def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
-    """Return a point just inside a region, where it is nearest to a point.
-
-    Parameters
-    ----------
-    region : sequence of (x, y)
-        A simple polygon, m.
-    point : (x, y)
-        m.
-
-    Returns
-    -------
-    (x, y)
-        m.
-    """
+    """Return a point just inside a region, where it is nearest to a point."""
     part = min(convex_parts(region), key=lambda one: planar.distance_to_polygon(point, one))
     nearest = min((_nearest_on(point, a, b) for a, b in planar.edges(part)), key=lambda spot: math.dist(point, spot))
     middle = planar.centroid(part)
@@ -37,17 +21,7 @@ def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
 
 
 def with_aim(data: Any) -> Any:
-    """Return the data of a scenario with the position that its goal is aimed at, where only a region is given.
-
-    Parameters
-    ----------
-    data
-        What is to become a scenario; returned as it is unless it is a mapping of start and goal that lacks a position.
-
-    Returns
-    -------
-    Any
-    """
+    """Return the data of a scenario with the position that its goal is aimed at, where only a region is given."""
     goal, start = (data.get(key) if isinstance(data, Mapping) else None for key in ("goal", "start"))
     if not isinstance(goal, Mapping) or goal.get("position") is not None or goal.get("region") is None:
         return data
@@ -63,35 +37,12 @@ def with_aim(data: Any) -> Any:
 
 
 def distance_outside(region: Sequence[planar.Point], point: planar.Point) -> float:
-    """Return how far a point is outside a region, m; 0 in it.
-
-    Parameters
-    ----------
-    region : sequence of (x, y)
-        A simple polygon, m.
-    point : (x, y)
-        m.
-
-    Returns
-    -------
-    float
-    """
+    """Return how far a point is outside a region, m; 0 in it."""
     return planar.distance_to_polygon(point, region)
 
 
 def convex_parts(region: Sequence[planar.Point]) -> list[tuple[planar.Point, ...]]:
-    """Cut a region into convex parts.
-
-    Parameters
-    ----------
-    region : sequence of (x, y)
-        A simple polygon, m.
-
-    Returns
-    -------
-    list of tuple of (x, y)
-        m.
-    """
+    """Cut a region into convex parts."""
     from scp_planner.mathematics.convex_pieces import convex_pieces
 
     rings = [piece.vertices for piece in convex_pieces(tuple((float(x), float(y)) for x, y in region))]

@@ -1,4 +1,4 @@
-"""What a vehicle and its workspace allow."""
+"""Limits of a vehicle and its workspace."""
 
 from __future__ import annotations
 
@@ -15,25 +15,13 @@ from scp_planner.scenario.models import Scenario
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the vehicle as planned with: the scenario's, less the margin; inf where there is none.
+    """Limits of the vehicle as planned with: the scenario's, less the margin; inf where there is none."""
 
-    Attributes
-    ----------
-    speed : float
-        m/s.
-    acceleration, deceleration : float
-        m/s^2, both positive.
-    lateral_acceleration : float
-        m/s^2.
-    curvature : float
-        1/m.
-    """
-
-    speed: float
-    acceleration: float
-    deceleration: float
-    lateral_acceleration: float
-    curvature: float
+    speed: float  # m/s
+    acceleration: float  # m/s^2, both positive
+    deceleration: float  # m/s^2, both positive
+    lateral_acceleration: float  # m/s^2
+    curvature: float  # 1/m
 
     @classmethod
     def of(cls, scenario: Scenario, margin: float = 0.0) -> Limits:
@@ -54,18 +42,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Box:
-    """Half planes normal . r <= offset of the planning frame that the vehicle's reference point stays in.
+    """Half planes normal . r <= offset of the planning frame that the vehicle's reference point stays in."""
 
-    Attributes
-    ----------
-    normals : (S, 2) array
-        Outward unit normals; S is 0 without a workspace box.
-    offsets : (S,) array
-        m, already less the vehicle's radius and the planner's margin.
-    """
-
-    normals: Array
-    offsets: Array
+    normals: Array  # (S, 2) Outward unit normals; S is 0 without a workspace box
+    offsets: Array  # (S,) m, already less the vehicle's radius and the planner's margin
 
     @classmethod
     def of(cls, scenario: Scenario, frame: PlanningFrame, margin: float) -> Box:
@@ -95,23 +75,7 @@ def straight_trip_time(scenario: Scenario, limits: Limits) -> float:
 def straight_travel_time(
     length: float, start_speed: float, limits: Limits, goal_speed: float | None = None
 ) -> tuple[float, tuple[float, ...]]:
-    """Shortest time to drive a length: accelerate, cruise, and decelerate to the goal speed if there is one.
-
-    Parameters
-    ----------
-    length : float
-        m.
-    start_speed : float
-        m/s.
-    limits : Limits
-    goal_speed : float, optional
-        m/s; None: free.
-
-    Returns
-    -------
-    (time, switches)
-        Seconds, and the times in s at which the acceleration changes.
-    """
+    """Shortest time to drive a length: accelerate, cruise, and decelerate to the goal speed if there is one."""
     a, d, top = limits.acceleration, limits.deceleration, max(limits.speed, start_speed)
     end = goal_speed
     # The peak speed that uses up the length: (vp^2 - v0^2) / 2a + (vp^2 - ve^2) / 2d = length

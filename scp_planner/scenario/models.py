@@ -1,9 +1,4 @@
-"""What comes in: the vehicle, its start and goal, the obstacles and what is known of them.
-
-SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and
-has been checked when it exists: `scp_planner.scenario.validation` says how faults are collected,
-`scp_planner.scenario.checks` (and `goal_checks`, `obstacle_checks`) how the fields of a scenario must fit together.
-"""
+"""Scenario models: the vehicle, its start and goal, the obstacles and their observations."""
 
 from __future__ import annotations
 
@@ -50,15 +45,15 @@ class Steering(StrEnum):
     AHEAD = "ahead"
     """Along its heading."""
     BOTH_WAYS = "both_ways"
-    """Where it stands, along its heading or against it: it drives backwards as well as forwards. Else as it drives."""
+    """From a stand: along its heading or against it; it drives backwards as well as forwards. Else as it drives."""
     ON_THE_SPOT = "on_the_spot"
-    """Where it stands, in any direction: it turns there first. Else along its heading."""
+    """From a stand: in any direction, after a turn on the spot. Else along its heading."""
     ANY = "any"
     """In any direction, at any time."""
 
 
 class Vehicle(Part):
-    """What the vehicle covers and can do."""
+    """Shape of the vehicle and its limits."""
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.discs_have_a_reference, checks.long_vehicles_steer_ahead)
 
@@ -101,7 +96,7 @@ class Vehicle(Part):
 
 
 class Start(Part):
-    """Where and when the trip begins."""
+    """Place and time at which the trip begins."""
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.heading_is_in_radians,)
 
@@ -113,7 +108,7 @@ class Start(Part):
 
 
 class Goal(Part):
-    """Where the trip ends, and when."""
+    """Place and time at which the trip ends."""
 
     rules: ClassVar[tuple[Rule, ...]] = (
         goal_checks.arrival_is_possible,
@@ -165,7 +160,7 @@ class Bounds(Part):
 
 
 class SpeedLimit(Part):
-    """How fast the vehicle may drive along a stretch of a line.
+    """Largest speed of the vehicle along a stretch of a line.
 
     It holds wherever the point of the line that is nearest to the vehicle's reference point lies in the stretch: the
     borders run across the line.
@@ -184,7 +179,7 @@ class SpeedLimit(Part):
 
 
 class ConfidenceLevel(StrEnum):
-    """What the probability is the probability of."""
+    """Event that the probability is the probability of."""
 
     PER_TIME = "per_time"
     """One obstacle is in its zone at one time."""
@@ -195,7 +190,7 @@ class ConfidenceLevel(StrEnum):
 
 
 class Confidence(Part):
-    """How sure the zones of the estimated obstacles are to hold them."""
+    """Probability with which the zones of the estimated obstacles hold them."""
 
     probability: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(
         default=0.95, description="greater than 0 and less than 1"
@@ -233,7 +228,7 @@ class Prior(Part):
 
 
 class Model(Part):
-    """What the estimate takes for granted about the motion.
+    """Motion model that the estimate assumes.
 
     Where one is wanted, the name of a ready-made one will do: pedestrian, cyclist, car, ship or drone.
     """
@@ -317,10 +312,7 @@ class Obstacle(Part):
 
 
 def _check_count(path: str | PathLike[str]) -> None:
-    """Refuse a file of far more obstacles than a trip can be planned among, before it is parsed.
-
-    Each obstacle has a key `shape`, in YAML and in JSON; nothing else of a scenario has it but texts.
-    """
+    """Refuse a file of far more obstacles than a trip can be planned among, before it is parsed."""
     if Path(path).stat().st_size < MOST_OBSTACLES * len(_SHAPE):
         return
     count = Path(path).read_bytes().count(_SHAPE)

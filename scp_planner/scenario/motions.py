@@ -157,7 +157,7 @@ def timed(motion: GivenMotion, time: float) -> GivenMotion:
 
 
 def moves(motion: GivenMotion) -> bool:
-    """Whether a motion, or any of several futures, is more than a position."""
+    """True if a motion, or any of several futures, is more than a position."""
     if isinstance(motion, Futures):
         return any(moves(one.motion) for one in motion.futures)
     return isinstance(motion, Course) or any((*motion.velocity, *motion.acceleration))
@@ -174,10 +174,7 @@ def _obstacle_timed(obstacle: Any, time: float) -> Any:
 
 
 def is_uncertain(motion: GivenMotion | None) -> bool:
-    """Whether a motion, or that of an obstacle that has only been observed (None), is not known exactly.
-
-    Futures without a covariance are all kept clear of: so what they say is certain.
-    """
+    """True if a motion, or that of an obstacle that has only been observed (None), is not known exactly."""
     if isinstance(motion, Futures):
         return any(is_uncertain(future.motion) for future in motion.futures)
     return motion is None or (isinstance(motion, Course) and motion.covariance is not None)

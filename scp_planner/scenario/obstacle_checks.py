@@ -1,4 +1,4 @@
-"""How the fields of obstacles, and of what is known of their motions, must fit together."""
+"""Rules of obstacles and their motions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from scp_planner.scenario.validation import Objection
 MOST_TURN = 3.0
 """rad from one heading of a course to the next: half a turn could be to either side."""
 SYMMETRY = 1e-3
-"""How far entries of a covariance that should be the same may differ, relative to its diagonal: by rounding in single
-precision, when it was computed as a difference of much larger ones."""
+"""Rounding: relative difference of a covariance's two off-diagonal entries."""
 DEFINITE = 1e-12
 """Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
 
 WHEREABOUTS = ("motion", "observations", "estimate")
-"""Of which an obstacle has one."""
+"""Fields of which an obstacle has exactly one."""
 
 
 def one_of_the_whereabouts(obstacle: Any) -> Iterator[Objection]:
@@ -34,7 +33,7 @@ def one_of_the_whereabouts(obstacle: Any) -> Iterator[Objection]:
 
 
 def no_prior_of_an_estimate(obstacle: Any) -> Iterator[Objection]:
-    """What was known before is in what a tracker says."""
+    """An estimate has no prior: the tracker has used it."""
     if obstacle.estimate is not None and obstacle.model.prior is not None:
         yield Objection(("model", "prior"), obstacle.model.prior, "must be null where an estimate is given")
 

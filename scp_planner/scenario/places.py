@@ -1,8 +1,4 @@
-"""Places along a line: which stretch of it a point belongs to, and how fast it may be driven there.
-
-A point belongs to the stretch in which the point of the line lies that is nearest to it. So the borders between
-stretches run across the line, and where the line bends, along the bisectors.
-"""
+"""Places along a line: which stretch of it a point belongs to, and how fast it may be driven there."""
 
 from __future__ import annotations
 
@@ -22,13 +18,7 @@ ON_BORDER = 1e-9  # of the line's length; what is this near to a border is on it
 
 
 class Line:
-    """A polyline with stations.
-
-    Parameters
-    ----------
-    points : (k, 2) array
-        m.
-    """
+    """A polyline with stations."""
 
     def __init__(self, points: Array) -> None:
         self.points = np.asarray(points, dtype=float)
@@ -52,21 +42,7 @@ class Line:
         return least
 
     def across_border(self, position: Array, border: float) -> Array:
-        """Return the direction in which points pass over a border most directly.
-
-        Parameters
-        ----------
-        position : (2,) array
-            m, on the border.
-        border : float
-            Station, m.
-
-        Returns
-        -------
-        (2,) array
-            Of length 1: along the leg, or, where the points of the line before and after the border that are nearest
-            lie apart, as inside of a bend, the way from the one to the other part.
-        """
+        """Return the direction in which points pass over a border most directly."""
         leg = int(np.searchsorted(self._stations[1:-1], border, "right"))
         along = self._onto_legs(position[None])[0][0] + self._stations[:-1]
         before = self._foot(position, np.clip(along, self._stations[:-1], np.minimum(self._stations[1:], border)))
@@ -88,7 +64,7 @@ class Line:
         return nearest
 
     def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> Mask:
-        """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
+        """True if any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
         along, away = self._onto_legs(points)
         reach = reach[:, None]
         candidate = away - reach <= away.min(axis=1, keepdims=True) + reach
@@ -141,7 +117,7 @@ def anchored(scenario: Scenario) -> Scenario:
 
 
 def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
-    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none. A stretch's borders belong to it."""
+    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
     limit = np.full(len(positions), np.inf)
     stations = {line: line.nearest(positions) for line in {part.line: None for part in parts}}
     for part in parts:

@@ -1,10 +1,4 @@
-"""Parameters of obstacles that change their minds: a motion with process noise, as fitted to recorded tracks.
-
-A polynomial motion believed exactly covers half of real people after two seconds. Here velocity or
-acceleration is itself random, so the uncertainty grows with the time since the last observation even if
-everything was seen. The mathematics is in `scp_planner.estimation.kalman`, the fit in
-`scp_planner.estimation.motion_fitting`; this is what a file holds.
-"""
+"""Parameters of obstacles that change their minds: a motion with process noise, as fitted to recorded tracks."""
 
 from __future__ import annotations
 
@@ -96,7 +90,7 @@ def _leads_increase(tails: Any) -> Iterator[Objection]:
 
 
 class Tails(Part):
-    """How prediction errors of real obstacles differ from the normal ones of the model.
+    """Difference between prediction errors of real obstacles and the normal ones of the model.
 
     The error at each lead time, the time since the last observation, is a Student vector: its covariance is
     the model's times an inflation, linear between the given lead times and constant beyond them.
@@ -110,7 +104,7 @@ class Tails(Part):
 
 
 class FittedTo(Part):
-    """What a model was fitted to, for the reader of its file."""
+    """Data that a model was fitted to, for the reader of its file."""
 
     source: str = Field(default="", description="where the tracks came from")
     tracks: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="how many tracks")
@@ -126,22 +120,7 @@ def also_a_file_name(schema: dict[str, Any]) -> None:
 
 
 def read_processes(data: Any, folder: Path) -> list[Fault]:
-    """Put the contents of their files in the place of the names of process models in a scenario file.
-
-    Names without a suffix are those of ready-made models, which have no file beside it.
-
-    Parameters
-    ----------
-    data
-        What the scenario file holds; changed in place.
-    folder
-        Where it lies; names are relative to it.
-
-    Returns
-    -------
-    list of Fault
-        Of those files.
-    """
+    """Put the contents of their files in the place of the names of process models in a scenario file."""
     faults = []
     obstacles = data.get("obstacles") if isinstance(data, dict) else None
     for i, obstacle in enumerate(obstacles if isinstance(obstacles, list) else ()):

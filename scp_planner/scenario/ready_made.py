@@ -1,8 +1,4 @@
-"""Motion models that come with the package: of people, cyclists, cars, ships and drones.
-
-Each is a file of its own in the folder `motion_models`, as `scp-planner fit-motion` writes them; what it was fitted to,
-or where its figures are from, stands in it. `docs/howto/motion-models.md` has what they cover, measured.
-"""
+"""Motion models that come with the package: of people, cyclists, cars, ships and drones."""
 
 from __future__ import annotations
 
@@ -22,22 +18,7 @@ _FOLDER, _SUFFIX = "motion_models", ".yaml"
 
 @lru_cache(maxsize=len(NAMES))
 def ready_made(name: str) -> ProcessModel:
-    """Give a motion model that comes with the package.
-
-    Parameters
-    ----------
-    name : str
-        One of `NAMES`.
-
-    Returns
-    -------
-    ProcessModel
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
-    """
+    """Give a motion model that comes with the package."""
     if name not in NAMES:
         raise ValueError(unknown(name))
     with as_file(files("scp_planner.scenario") / _FOLDER / f"{name}{_SUFFIX}") as path:

@@ -1,4 +1,4 @@
-"""How large a scene is, and how fast: the numbers behind its natural units, for those who check it while it is read."""
+"""Scale of length and time of a scene, behind its natural units."""
 
 from __future__ import annotations
 
@@ -13,17 +13,7 @@ UNIT_BITS, FEWEST_UNIT_BITS = 46, 36  # of a unit: as many as a scene tells; the
 
 
 def units_of(scenario: Any) -> Units:
-    """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Start and goal are not at one place.
-
-    Returns
-    -------
-    Units
-    """
+    """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
     vehicle, start = scenario.vehicle, scenario.start
     line = scenario.guide or (scenario.goal.position,)
     trip = max(dist(start.position, point) for point in line)  # however winding it is

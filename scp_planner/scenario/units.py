@@ -1,14 +1,4 @@
-"""Natural units: every scene is planned in units of its own, so that vehicles of every size are planned alike.
-
-The unit of length is a twentieth of how far the trip leads away from its start, that of time such that the vehicle
-drives three units of length in one unit of time at the highest speed that it can reach on it. Inside, everything is a
-number of these units and has no dimension: 1 m and 1 s are units of nothing there, and what stands in the code as a
-length, a time or a speed is a ratio to the trip and to the top speed. The clock begins with the trip, and the start is
-the origin.
-
-Quantities are only multiplied and divided on the way in and out. So a scene written in other units whose ratios to the
-first ones are powers of two gives the same plan to the bit, and other ratios, places and clocks change rounding only.
-"""
+"""Natural units: every scene is planned in units of its own, so that vehicles of every size are planned alike."""
 
 from __future__ import annotations
 
@@ -63,10 +53,7 @@ class NaturalUnits(Units):
 
     @classmethod
     def to_check(cls, scenario: Scenario) -> NaturalUnits:
-        """Return units to check any plan in: tolerances that are no smaller than what matters to a vehicle of its size.
-
-        A vehicle that has nearly arrived has only a short trip left.
-        """
+        """Return units to check any plan in."""
         units, radius = cls.of(scenario), scenario.vehicle.radius
         if radius <= units.length:
             return units

@@ -1,8 +1,4 @@
-"""Parts of an input file as frozen models that report everything that is wrong with them at once.
-
-pydantic collects the faults of the single fields. What it cannot do is to check how fields fit together while
-one of them is faulty. Here each part has *rules*, generators of faults, which run on whatever is valid.
-"""
+"""Parts of an input file as frozen models that report everything that is wrong with them at once."""
 
 from __future__ import annotations
 
@@ -51,7 +47,7 @@ _FAULT = "fault"  # the error type of what is already in our own words
 
 @dataclass(frozen=True)
 class Objection:
-    """What a rule finds: a location below the part that it looks at, the value there, what is allowed."""
+    """Finding of a rule: a location below the part that it looks at, the value there, the allowed ones."""
 
     location: Location
     value: object
@@ -63,7 +59,7 @@ class Unknown(Exception):
 
 
 class Salvage:
-    """The valid fields of a faulty part. Asking for any other one raises `Unknown`."""
+    """The valid fields of a faulty part."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self.__dict__.update(values)
@@ -105,7 +101,7 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
 
     rules: ClassVar[tuple[Rule, ...]] = ()
-    """How the fields must fit together."""
+    """Rules by which the fields must fit together."""
 
     def __init__(self, **data: Any) -> None:
         try:

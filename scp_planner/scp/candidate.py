@@ -1,4 +1,4 @@
-"""What the loop knows of a step that it may take, and where it goes back to if a step on trial fails."""
+"""A candidate step of the loop, and the trip to return to if a step on trial fails."""
 
 from __future__ import annotations
 
@@ -17,28 +17,12 @@ from scp_planner.scp.subproblem import Subproblem
 
 @dataclass(frozen=True)
 class Candidate:
-    """Where the step of one iteration leads.
-
-    Attributes
-    ----------
-    evaluation : Evaluation
-        Of the trip that the step leads away from, as long as it has not been looked at where to.
-    predicted, actual : float
-        Decrease of the merit by the model and in truth, s.
-    size : float
-        Largest component of the step, relative to the trust region.
-    sooner : float
-        Decrease of the travel time by the model, s.
-    before : float
-        Largest violation of the trip that the step leads away from.
-    """
-
     evaluation: Evaluation
-    predicted: float
-    actual: float
-    size: float
-    sooner: float
-    before: float
+    predicted: float  # Decrease of the merit by the model and in truth, s
+    actual: float  # Decrease of the merit by the model and in truth, s
+    size: float  # Largest component of the step, relative to the trust region
+    sooner: float  # Decrease of the travel time by the model, s
+    before: float  # Largest violation of the trip that the step leads away from
 
     @classmethod
     def of(cls, base: Evaluation, penalties: Penalties, sub: Subproblem, z: Array) -> Candidate:
@@ -54,7 +38,6 @@ class Candidate:
 
     @property
     def ratio(self) -> float:
-        """Of the actual to the predicted decrease of the merit."""
         return self.actual / self.predicted if self.predicted > 0.0 else -1.0
 
     def recorded(self, number: int, penalties: Penalties, accepted: bool, trust: TrustRegion, rows: int) -> Iteration:
@@ -81,7 +64,7 @@ class Linearised:
     rows: Rows
 
     def serves(self, base: Evaluation, trust: TrustRegion) -> bool:
-        """Whether its rows are all that are wanted of a trip so far around it."""
+        """True if its rows are all that are wanted of a trip so far around it."""
         mine = self.trust
         inside = trust.theta <= mine.theta and trust.beta <= mine.beta and trust.rho <= mine.rho
         return base is self.base and inside
@@ -89,8 +72,6 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Watchdog:
-    """Where the loop goes back to if what it does on trial fails, and the step that led away from there."""
-
     evaluation: Evaluation
     step: Candidate
     trust: TrustRegion

@@ -1,9 +1,4 @@
-"""Everything the loop needs to know of one trip: by how much it exceeds each constraint, and the merit.
-
-The merit is the one objective of all methods (docs: the penalised objective),
-
-    Q = tau + sum_l mu_l max(0, deepest entry into zone l) + sum_k mu_k max(0, excess over limit k).
-"""
+"""Everything the loop needs to know of one trip: by how much it exceeds each constraint, and the merit."""
 
 from __future__ import annotations
 
@@ -20,29 +15,14 @@ from scp_planner.trips.trajectory import Trajectory, TripPoints
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One trip, evaluated.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-    points : TripPoints
-        At the problem's samples.
-    excesses : tuple of (n,) arrays
-        Excesses over each of the problem's constraints in all places.
-    violations : (G,) array
-        Violations that have a price, 0 where there is none: of zones in m, then of the other constraints.
-    zones : int
-        How many of them are of zones.
-    given_violation : float
-        Worst violation of a user's own constraints.
-    """
+    """One trip, evaluated."""
 
     trajectory: Trajectory
-    points: TripPoints
-    excesses: tuple[Array, ...]
-    violations: Array
+    points: TripPoints  # At the problem's samples
+    excesses: tuple[Array, ...]  # (n,) Excesses over each of the problem's constraints in all places
+    violations: Array  # (G,) Violations that have a price, 0 where there is none
     zones: int
-    given_violation: float = 0.0
+    given_violation: float = 0.0  # Worst violation of a user's own constraints
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -66,7 +46,6 @@ class Evaluation:
 
 
 def evaluate_trip(problem: Problem, trip: Trajectory) -> Evaluation:
-    """Evaluate a trip."""
     excesses = tuple(constraint.excess(trip) for constraint in problem.constraints)
     violations = [
         constraint.violations(constraint.worst(trip, excess))
@@ -78,10 +57,7 @@ def evaluate_trip(problem: Problem, trip: Trajectory) -> Evaluation:
 
 
 def among_smaller(evaluation: Evaluation, less: Array) -> Evaluation:
-    """Return the evaluation with the violations of the trip among zones whose radii are smaller by so many m, (L,).
-
-    Parts of one zone are smaller by the same.
-    """
+    """Return the evaluation with the violations of the trip among zones whose radii are smaller by so many m, (L,)."""
     violations = evaluation.violations.copy()
     violations[: len(less)] = np.maximum(violations[: len(less)] - less, 0.0)
     return replace(evaluation, violations=violations)

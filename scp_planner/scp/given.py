@@ -1,8 +1,4 @@
-"""Convex constraints that a user gives in CVXPY: what they are written in, and whether a trip keeps them.
-
-The subproblem's variables (theta, b, tau), b = tau^2 beta, make offsets, positions at stations, distances at normalised
-times and the travel time affine: constraints on these go into the subproblem as they are, without linearisation.
-"""
+"""Convex constraints that a user gives in CVXPY: what they are written in, and whether a trip keeps them."""
 
 from __future__ import annotations
 
@@ -105,23 +101,7 @@ UserConstraints = Callable[[TripVariables], Sequence[Any]]
 
 
 class GivenConstraints:
-    """A user's constraints on the trips of one problem.
-
-    Parameters
-    ----------
-    problem : Problem
-    function : callable
-        Called with :class:`TripVariables`; returns CVXPY constraints.
-    units : NaturalUnits, optional
-        Of the scene: the constraints are written in those of the user.
-
-    Raises
-    ------
-    TypeError
-        If it returns anything else.
-    ValueError
-        If a constraint is not convex by the rules of CVXPY.
-    """
+    """A user's constraints on the trips of one problem."""
 
     def __init__(self, problem: Problem, function: UserConstraints, units: NaturalUnits | None = None) -> None:
         self._units = units or NaturalUnits()
@@ -140,7 +120,6 @@ class GivenConstraints:
         return list(self._function(TripVariables(self._problem, values, self._units)))
 
     def violations(self, trajectory: Trajectory) -> Array:
-        """How far each constraint is from being kept, (n,), in its own unit over the scene's unit of length."""
         tau = trajectory.travel_time
         free = trajectory.theta[self._problem.ends.free]
         self._values.value = np.concatenate([free, tau**2 * trajectory.beta, [tau]])

@@ -1,4 +1,4 @@
-"""When a run of the loop ends early: its limits of work, and the trips that it is measured against."""
+"""Early ends of a run: its limits of work, and the trips that it is measured against."""
 
 from __future__ import annotations
 
@@ -13,20 +13,7 @@ from scp_planner.scp.parameters import LoopParameters
 
 
 def to_beat(travel_time: float, step: float | None) -> float:
-    """Return what another trip has to be faster than, to be the better one where arrivals count in steps of time.
-
-    Parameters
-    ----------
-    travel_time : float
-        s.
-    step : float or None
-        s; None: every moment counts.
-
-    Returns
-    -------
-    float
-        s: where there are steps the last one before the trip would arrive, and as much more as may be missed.
-    """
+    """Return what another trip has to be faster than, to be the better one where arrivals count in steps of time."""
     return travel_time if step is None else (_step_after(travel_time, step) - 1) * step + off_a_step(step)
 
 
@@ -36,37 +23,17 @@ def _step_after(travel_time: float, step: float) -> int:
 
 @dataclass(frozen=True)
 class ArrivalSteps:
-    """Steps of time that a trip has to arrive on.
+    """Steps of time that a trip has to arrive on."""
 
-    Attributes
-    ----------
-    step : float
-        s.
-    latest : float
-        Travel time that is still in time, s.
-    """
-
-    step: float
-    latest: float
+    step: float  # s
+    latest: float  # Travel time that is still in time, s
 
     def after(self, travel_time: float) -> float:
         """Return the travel time to the next step, s."""
         return _step_after(travel_time, self.step) * self.step
 
     def as_good(self, trip: Evaluation, sooner: float, parameters: LoopParameters) -> bool:
-        """Whether a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one.
-
-        Parameters
-        ----------
-        trip : Evaluation
-        sooner : float
-            What the last step gained, s.
-        parameters : LoopParameters
-
-        Returns
-        -------
-        bool
-        """
+        """True if a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one."""
         time = trip.trajectory.travel_time
         if trip.worst_violation > parameters.grave or self.after(time) > self.latest:
             return False
@@ -75,26 +42,13 @@ class ArrivalSteps:
 
 @dataclass(frozen=True)
 class RunLimits:
-    """Limits of the work of one run.
-
-    Attributes
-    ----------
-    max_iterations : int
-    deadline : float
-        Value of :func:`time.perf_counter` at which the run ends, s.
-    enough : int or None
-        After so many iterations a trip without grave violations is good enough, though not the fastest.
-    hopeless_after : int
-        A run that is still far from feasible after so many iterations ends.
-    tolerance : float
-        Gains of the travel time or the merit below this are none, s.
-    """
+    """Limits of the work of one run."""
 
     max_iterations: int
-    deadline: float
+    deadline: float  # Value of :func:`time.perf_counter` at which the run ends, s
     enough: int | None
-    hopeless_after: int
-    tolerance: float
+    hopeless_after: int  # A run that is still far from feasible after so many iterations ends
+    tolerance: float  # Gains of the travel time or the merit below this are none, s
 
 
 @dataclass(frozen=True)
@@ -107,21 +61,21 @@ class Cutoff:
     steps: ArrivalSteps | None = None
 
     def on_time(self, trip: Evaluation, sooner: float) -> bool:
-        """Whether a trip will do for the step of time that it arrives on, and can hardly arrive on an earlier one."""
+        """True if a trip will do for the step of time that it arrives on, and can hardly arrive on an earlier one."""
         soon = trip.trajectory.travel_time < self.time
         return soon and self.steps is not None and self.steps.as_good(trip, sooner, self.parameters)
 
     def slower(self, trip: Evaluation, sooner: float) -> bool:
-        """Whether a trip can hardly become fast enough, if the next step makes it sooner by so many s."""
+        """True if a trip can hardly become fast enough, if the next step makes it sooner by so many s."""
         # What is still violated can only take more time.
         return trip.trajectory.travel_time - self.parameters.hope * max(sooner, 0.0) > self.time
 
     def will_be_slower(self, trip: Evaluation, sooner: float) -> bool:
-        """Whether that will be said of the trip after the next step, which makes it sooner by so many s."""
+        """True if that will be said of the trip after the next step, which makes it sooner by so many s."""
         return self.slower(trip, sooner * (1.0 + 1.0 / self.parameters.hope))
 
     def same_way(self, trip: Evaluation) -> bool:
-        """Whether a trip has come so near to the rival that it would end as that did."""
+        """True if a trip has come so near to the rival that it would end as that did."""
         if self.rival is None or trip.worst_violation > self.parameters.watch:
             return False
         apart = trip.points.path.position - self.rival.points.path.position

@@ -1,11 +1,3 @@
-"""Whether a step is accepted, what it makes of the trust region and the penalties, and whether the run ends with it.
-
-Close to a minimum a full step can raise the merit by curvature that the model lacks (the Maratos effect). So a step
-that fails by little is taken on trial: from there one more step is made, and only if both together fail the loop goes
-back and shrinks the trust region (the watchdog technique of Chamberlain, Powell, Lemarechal and Pedersen, 1982).
-Against a second-order correction it saves one solution of the subproblem, and sees the places that the step made worse.
-"""
-
 from __future__ import annotations
 
 import math
@@ -16,7 +8,7 @@ from scp_planner.scp.state import LoopState, Progress
 
 
 def judged(state: LoopState, step: Candidate, rows: int) -> bool:
-    """Accept a step, take it on trial, or reject it; then resize the trust region. True if the run has ended."""
+    """Accept a step, take it on trial, or reject it; then resize the trust region."""
     run = state.run
     run.status = LoopStatus.ITERATION_LIMIT
     accepted = _acceptable(state, step)
@@ -43,7 +35,7 @@ def judged(state: LoopState, step: Candidate, rows: int) -> bool:
 
 
 def settled(state: LoopState, sooner: float) -> bool:
-    """Whether the trip keeps all constraints, and the step from it gains next to nothing of the time, s."""
+    """True if the trip keeps all constraints, and the step from it gains next to nothing of the time, s."""
     return state.run.evaluation.worst_violation <= state.parameters.settled and abs(sooner) < state.limits.tolerance
 
 
@@ -68,7 +60,6 @@ def _hardly_violated(state: LoopState) -> bool:
 
 
 def _ended(state: LoopState, step: Candidate) -> LoopStatus | None:
-    """Whether the run has ended, and how; raises the penalties of what stays violated."""
     ended, parameters, number = _outcome(state, step), state.parameters, state.number
     violation = state.run.evaluation.worst_violation
     if ended is None and _lingers(state, violation):
@@ -85,7 +76,7 @@ def _ended(state: LoopState, step: Candidate) -> LoopStatus | None:
 
 
 def _lingers(state: LoopState, violation: float) -> bool:
-    """Whether the run has been near to feasibility for long, without getting there or nearer."""
+    """True if the run has been near to feasibility for long, without getting there or nearer."""
     near = FEASIBILITY < violation < state.parameters.grave
     if not near or violation < state.parameters.progress * state.nearest.violation:
         state.nearest = Progress(state.number, violation)
@@ -93,7 +84,6 @@ def _lingers(state: LoopState, violation: float) -> bool:
 
 
 def _outcome(state: LoopState, step: Candidate) -> LoopStatus | None:
-    """Whether nothing is left to gain, or not enough."""
     current, parameters, cutoff = state.run.evaluation, state.parameters, state.cutoff
     if cutoff.slower(current, step.sooner):
         return LoopStatus.SLOWER
@@ -113,10 +103,7 @@ def _outcome(state: LoopState, step: Candidate) -> LoopStatus | None:
 
 
 def _last_step(state: LoopState, step: Candidate) -> bool:
-    """Whether a step went so little of the way that was open to it, for the constraints, that none is to follow.
-
-    It ends at the minimum of its model, off the trip's own by the square of its length.
-    """
+    """True if a step went so little of the way that was open to it, for the constraints, that none is to follow."""
     parameters, tolerance = state.parameters, state.limits.tolerance
     short = step.size < parameters.inside and step.size * state.trust.theta < parameters.short * math.sqrt(tolerance)
     return short and step.sooner < tolerance

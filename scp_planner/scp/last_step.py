@@ -1,11 +1,4 @@
-"""Curvature that the model of a subproblem lacks, learnt from the last step.
-
-The subproblem's Hessian is that of the arc length. The constraints bend too: towards an obstacle's disc less than their
-tangents, for lateral acceleration more. Where they are active, the Hessian of the Lagrangian differs from the model's,
-and the loop creeps or overshoots. The gradient of the Lagrangian with the last step's multipliers is known at both
-ends of the step; the model is corrected so that it explains the difference: one update of BFGS, damped (Powell, 1978),
-of a fresh Hessian each time.
-"""
+"""Curvature that the model of a subproblem lacks, learnt from the last step."""
 
 from __future__ import annotations
 
@@ -25,34 +18,15 @@ TINY_CURVATURE = 1e-14  # units of time; of a step's curvature term, below which
 
 @dataclass(frozen=True)
 class LastStep:
-    """A step, and the multipliers of its subproblem.
+    """A step, and the multipliers of its subproblem."""
 
-    Attributes
-    ----------
-    start, end : Trajectory
-        The trips between which it leads.
-    step : (n,) array
-        z.
-    keys : (a,) array of int
-        Sorted keys of the active rows that may be violated at a price.
-    matrix : (a, n) array
-        These rows.
-    prices : (a,) array
-        Their multipliers.
-    arrival : float
-        Multiplier of arrival.
-    timing : float
-        Second derivative, with respect to rho, of the active bounds of the acceleration times their multipliers: what
-        is linear in the subproblem is b_k <= a tau^2.
-    """
-
-    start: Trajectory
-    end: Trajectory
-    step: Array
-    keys: Index
-    matrix: Array
-    prices: Array
-    arrival: float
+    start: Trajectory  # The trips between which it leads
+    end: Trajectory  # The trips between which it leads
+    step: Array  # (n,) z
+    keys: Index  # (a,) Sorted keys of the active rows that may be violated at a price
+    matrix: Array  # (a, n) These rows
+    prices: Array  # (a,) Their multipliers
+    arrival: float  # Multiplier of arrival
     timing: float
 
     @classmethod
@@ -81,10 +55,7 @@ class LastStep:
         )
 
     def gradient_change(self, problem: Problem, rows: Rows) -> Array:
-        """Change of the gradient of the Lagrangian along the step, (n,), given the rows at its end.
-
-        It is in the variables of the step, of the trip that it starts from.
-        """
+        """Change of the gradient of the Lagrangian along the step, (n,), given the rows at its end."""
         free = problem.ends.free
         count = free.stop - free.start
         ratio = self.start.travel_time / self.end.travel_time
@@ -102,18 +73,7 @@ class LastStep:
         return change
 
     def teach(self, problem: Problem, rows: Rows, hessian: Array, proximal: Array) -> None:
-        """Correct the Hessian of the next subproblem, (n, n), in place.
-
-        Parameters
-        ----------
-        problem : Problem
-        rows : Rows
-            At the trip that the step led to.
-        hessian : (n, n) array
-            Of the model there, the proximal term included.
-        proximal : (n,) array
-            Diagonal of the proximal term, which stays.
-        """
+        """Correct the Hessian of the next subproblem, (n, n), in place."""
         step = self.step
         change = self.gradient_change(problem, rows) + proximal * step
         expected = hessian @ step

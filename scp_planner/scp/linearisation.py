@@ -32,10 +32,7 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion) -> Rows:
 
 
 def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
-    """Return those rows, of a trust region that is as large or larger, that a step inside one could violate.
-
-    A rigorous test: of |J| times the box against the gap.
-    """
+    """Return those rows, of a trust region that is as large or larger, that a step inside one could violate."""
     box, count = np.empty(rows.matrix.shape[1]), problem.free_size
     box[:count] = trust.theta * problem.space.tables.leverage[problem.ends.free]
     box[count:-1] = trust.beta * problem.agility

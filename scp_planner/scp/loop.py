@@ -31,22 +31,7 @@ logger = logging.getLogger(__name__)
 
 
 class ScpLoop:
-    """Sequential convex programming on one problem.
-
-    Parameters
-    ----------
-    problem : Problem
-    solver : QpSolver
-    fallback : str, optional
-        Name of the solver to try when the solver fails.
-    hopeless_after : int, optional
-        A run that is still far from feasible after so many iterations ends; None: it goes on.
-    parameters : LoopParameters
-    steps : ArrivalSteps, optional
-        That the trip has to arrive on, in the end: a run ends when it can hardly arrive on an earlier one.
-    penalties : Penalties, optional
-        That runs begin with; default: the first ones of the parameters.
-    """
+    """Sequential convex programming on one problem."""
 
     def __init__(
         self,
@@ -77,27 +62,7 @@ class ScpLoop:
         enough: int | None = None,
         rival: Evaluation | None = None,
     ) -> LoopRun:
-        """Improve a trip until it has converged.
-
-        Parameters
-        ----------
-        start : Trajectory
-        max_iterations : int
-        cutoff : float
-            The run is given up when it can hardly become faster than this, s.
-        deadline : float
-            Value of :func:`time.perf_counter` at which the run ends.
-        trust : TrustRegion, optional
-            The first one; None: that of the parameters.
-        enough : int, optional
-            After so many iterations a trip without grave violations is good enough, though not the fastest.
-        rival : Evaluation, optional
-            The best trip so far, of the same problem: the run is given up when it goes the same way.
-
-        Returns
-        -------
-        LoopRun
-        """
+        """Improve a trip until it has converged."""
         tolerance = self.problem.settings.tolerance
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after, tolerance)
         state = self.initialise(start, limits, Cutoff(cutoff, rival, self.parameters, self.steps), trust)
@@ -172,7 +137,6 @@ class ScpLoop:
         return build_subproblem(self.problem, self.drive, trip, rows, weights, state.trust, state.active, last)
 
     def _without_step(self, state: LoopState) -> bool:
-        """Where the subproblem has no solution, go to the nearest trip within the limits, or look less far."""
         state.run.status = LoopStatus.SOLVER_FAILED
         state.go_back()
         kept = self.projection.within_limits(state.run.evaluation.trajectory, state.limits.deadline)

@@ -12,18 +12,10 @@ from scp_planner.problem.problem import Problem
 
 @dataclass
 class Penalties:
-    """Prices of the violations in the merit.
+    """Prices of the violations in the merit."""
 
-    Attributes
-    ----------
-    weights : (G,) array
-        s per unit of each violation of the problem's constraints, in their order: m, m/s, rad, or relative.
-    given : float
-        s per unit of the worst violation of a user's own constraints.
-    """
-
-    weights: Array
-    given: float = 50.0
+    weights: Array  # (G,) s per unit of each violation of the problem's constraints, in their order
+    given: float = 50.0  # s per unit of the worst violation of a user's own constraints
 
     @classmethod
     def uniform(cls, problem: Problem, price: float) -> Penalties:

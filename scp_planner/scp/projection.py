@@ -1,4 +1,4 @@
-"""Where a step leads, and the nearest trip that keeps what every step must keep."""
+"""Result of a step, and the nearest trip that keeps all hard constraints."""
 
 from __future__ import annotations
 
@@ -19,20 +19,7 @@ from scp_planner.trips.trajectory import Trajectory
 
 
 def trip_after(problem: Problem, trajectory: Trajectory, z: Array) -> Trajectory | None:
-    """Return the trip after a step, its travel time from the closed form; None if it would never arrive.
-
-    Parameters
-    ----------
-    problem : Problem
-    trajectory : Trajectory
-        Where the step starts.
-    z : (n,) array
-        (d theta, d beta, rho); what follows is not looked at.
-
-    Returns
-    -------
-    Trajectory or None
-    """
+    """Return the trip after a step, its travel time from the closed form; None if it would never arrive."""
     free = problem.ends.free
     count = free.stop - free.start
     size = problem.space.acceleration_size
@@ -46,17 +33,7 @@ def trip_after(problem: Problem, trajectory: Trajectory, z: Array) -> Trajectory
 
 
 class Projection:
-    """Onto what every step must keep: speed, acceleration, a user's constraints.
-
-    From a trip that breaks them short steps would have nowhere to go.
-
-    Parameters
-    ----------
-    problem : Problem
-    drive : DriveRows
-    solver : StepSolver
-    parameters : LoopParameters
-    """
+    """Onto what every step must keep: speed, acceleration, a user's constraints."""
 
     def __init__(self, problem: Problem, drive: DriveRows, solver: StepSolver, parameters: LoopParameters) -> None:
         self.problem = problem
@@ -65,18 +42,7 @@ class Projection:
         self.parameters = parameters
 
     def kept(self, start: Trajectory, deadline: float) -> Trajectory:
-        """Return the nearest trip that keeps all that; the start as it is if none is found.
-
-        Parameters
-        ----------
-        start : Trajectory
-        deadline : float
-            Value of :func:`time.perf_counter`, s.
-
-        Returns
-        -------
-        Trajectory
-        """
+        """Return the nearest trip that keeps all that; the start as it is if none is found."""
         near = start
         for _ in range(self.parameters.projections):
             moved = self._nearest(near, Rows.none(self.problem.step_size), np.zeros(0), deadline)
@@ -86,27 +52,12 @@ class Projection:
         return near
 
     def misses_goal_speed(self, trip: Trajectory) -> bool:
-        """Whether a trip arrives at another speed than the goal's, by more than rounding."""
+        """True if a trip arrives at another speed than the goal's, by more than rounding."""
         goal = self.problem.ends.goal_speed
         return goal is not None and abs(trip.final_speed - goal) > END_TOLERANCE
 
     def mended(self, trip: Trajectory, rows: Rows, groups: int, deadline: float) -> Trajectory | None:
-        """Return the nearest trip that keeps all that and everything else, to first order; None if none is found.
-
-        Parameters
-        ----------
-        trip : Trajectory
-        rows : Rows
-            Of everything else, linearised at the trip.
-        groups : int
-            Number of violations that these may be of.
-        deadline : float
-            Value of :func:`time.perf_counter`, s.
-
-        Returns
-        -------
-        Trajectory or None
-        """
+        """Return the nearest trip that keeps all that and everything else, to first order; None if none is found."""
         return self._nearest(trip, rows, np.full(groups, self.parameters.last_penalty), deadline)
 
     def _nearest(self, start: Trajectory, rows: Rows, weights: Array, deadline: float) -> Trajectory | None:
@@ -122,18 +73,7 @@ class Projection:
         return None if solution is None else trip_after(problem, start, solution.x)
 
     def within_limits(self, trip: Trajectory, deadline: float) -> Trajectory | None:
-        """Return the nearest trip within speed and acceleration, if this one is not; None if nothing better is found.
-
-        Parameters
-        ----------
-        trip : Trajectory
-        deadline : float
-            Value of :func:`time.perf_counter`, s.
-
-        Returns
-        -------
-        Trajectory or None
-        """
+        """Return the nearest trip within speed and acceleration, if this one is not."""
         excess = self.drive.excess(trip)
         if excess <= FEASIBILITY:
             return None

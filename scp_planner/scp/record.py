@@ -1,4 +1,4 @@
-"""What a run of the loop came to, step by step."""
+"""History of a run, step by step."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ FEASIBILITY = (
 
 
 class LoopStatus(Enum):
-    """How a run of the loop ended."""
-
     CONVERGED = "converged"
     STALLED = "stalled"
     INFEASIBLE = "infeasible"
@@ -30,35 +28,17 @@ class LoopStatus(Enum):
 
 @dataclass(frozen=True)
 class Iteration:
-    """One row of the iteration record.
-
-    Attributes
-    ----------
-    number : int
-    travel_time : float
-        Of the candidate, s.
-    merit : float
-        Of the candidate, s.
-    violation : float
-        Worst violation of the candidate.
-    predicted, actual : float
-        Decrease of the merit by the model and in truth, s.
-    accepted : bool
-        Whether the candidate was accepted, if only on trial.
-    trust : TrustRegion
-    rows : int
-        Number of rows that could be violated.
-    """
+    """One row of the iteration record."""
 
     number: int
-    travel_time: float
-    merit: float
-    violation: float
-    predicted: float
-    actual: float
+    travel_time: float  # s
+    merit: float  # s
+    violation: float  # Worst violation of the candidate
+    predicted: float  # Decrease of the merit by the model and in truth, s
+    actual: float  # Decrease of the merit by the model and in truth, s
     accepted: bool
     trust: TrustRegion
-    rows: int
+    rows: int  # Number of rows that could be violated
 
 
 @dataclass
@@ -72,5 +52,5 @@ class LoopRun:
 
     @property
     def feasible(self) -> bool:
-        """Whether the trip keeps all sampled constraints."""
+        """True if the trip keeps all sampled constraints."""
         return self.evaluation.worst_violation <= FEASIBILITY

@@ -1,5 +1,3 @@
-"""Where a run of the loop is between two iterations."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -24,50 +22,25 @@ class Progress:
 
 @dataclass
 class LoopState:
-    """A run so far.
+    """A run so far."""
 
-    Attributes
-    ----------
-    run : LoopRun
-        The trip of the next iteration, the penalties, the record.
-    parameters : LoopParameters
-    limits : RunLimits
-    cutoff : Cutoff
-    trust : TrustRegion
-    begun : float
-        Value of :func:`time.perf_counter` at which the last iteration began, or the run, s.
-    progress : Progress
-        The last one that counts against the patience.
-    nearest : Progress
-        The last one among those with small violations.
-    number : int
-        Of the last iteration, from 1.
-    active : ActiveSet or None
-        Of the last subproblem.
-    last : LastStep or None
-        The step that led to the trip, if it is to be learnt from.
-    linearised : Linearised or None
-    trial : Watchdog or None
-        Where to go back to if the step on trial fails.
-    """
-
-    run: LoopRun
+    run: LoopRun  # The trip of the next iteration, the penalties, the record
     parameters: LoopParameters
     limits: RunLimits
     cutoff: Cutoff
     trust: TrustRegion
-    begun: float
-    progress: Progress
-    nearest: Progress
+    begun: float  # Value of :func:`time.perf_counter` at which the last iteration began, or the run, s
+    progress: Progress  # The last one that counts against the patience
+    nearest: Progress  # The last one among those with small violations
     number: int = 0
     active: ActiveSet | None = None
-    last: LastStep | None = None
+    last: LastStep | None = None  # The step that led to the trip, if it is to be learnt from
     linearised: Linearised | None = None
     trial: Watchdog | None = None
 
     @property
     def late(self) -> bool:
-        """Whether the time is up: among thousands of rows each part of an iteration takes long."""
+        """True if the time is up: among thousands of rows each part of an iteration takes long."""
         return perf_counter() > self.limits.deadline
 
     def end(self, status: LoopStatus) -> bool:

@@ -12,34 +12,14 @@ from scp_planner.solvers.working_rows import solved_with_few_rows
 
 @dataclass(frozen=True)
 class StepSolver:
-    """Solves subproblems.
-
-    Attributes
-    ----------
-    solver : QpSolver
-    fallback : str or None
-        Name of the solver to try when the solver fails.
-    shortest : float
-        Wall time that a solver is given at least, s.
-    """
+    """Solves subproblems."""
 
     solver: QpSolver
-    fallback: str | None
-    shortest: float
+    fallback: str | None  # Name of the solver to try when the solver fails
+    shortest: float  # Wall time that a solver is given at least, s
 
     def solve(self, program: SlackedProgram, deadline: float) -> Solution | None:
-        """Return the step, or None; a solver has what is left of the time, or else of its own limit.
-
-        Parameters
-        ----------
-        program : SlackedProgram
-        deadline : float
-            Value of :func:`time.perf_counter`, s.
-
-        Returns
-        -------
-        Solution or None
-        """
+        """Return the step, or None; a solver has what is left of the time, or else of its own limit."""
         solution = self._solved(self.solver, program, deadline)
         if solution.status is SolverStatus.FAILED and self.fallback is not None and perf_counter() < deadline:
             solution = self._solved(solver_named(self.fallback), program, deadline)

@@ -1,9 +1,4 @@
-"""One linearisation of the trip as a convex quadratic program.
-
-Variables: the step z = (d theta, d beta, rho) and one slack for each violation that has rows. The objective is
-tau_k rho + sum mu s + the curvature of the arc length (convex, weighted by the multiplier of arrival) + a small
-proximal term.
-"""
+"""One linearisation of the trip as a convex quadratic program."""
 
 from __future__ import annotations
 
@@ -32,24 +27,10 @@ MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arriv
 
 @dataclass
 class ActiveSet:
-    """Which constraints were active in the last subproblem: the guess for the next one.
-
-    Attributes
-    ----------
-    step : (n,) array of int
-        Of the bounds of the step: -1 at the lower one, +1 at the upper one, 0 inactive.
-    hard : (h,) array of int
-        Of the hard rows.
-    keys : (k,) array of int
-        Sorted keys of the active rows that may be violated at a price.
-    violated : (G,) array of bool
-        Whether the slack of each violation was positive.
-    """
-
-    step: NDArray[np.int8]
-    hard: NDArray[np.int8]
-    keys: Index
-    violated: Mask
+    step: NDArray[np.int8]  # (n,)
+    hard: NDArray[np.int8]  # (h,)
+    keys: Index  # (k,) Sorted keys of the active rows that may be violated at a price
+    violated: Mask  # (G,)
 
     def guess(self, rows: Rows, groups: Index) -> NDArray[np.int8]:
         """Return the guess for a program with these rows and slacks."""
@@ -59,26 +40,13 @@ class ActiveSet:
 
 @dataclass(frozen=True)
 class Subproblem:
-    """A quadratic program and how its variables are laid out.
-
-    Attributes
-    ----------
-    program : SlackedProgram
-    rows : Rows
-        Those that may be violated at a price.
-    step_size : int
-        Number of variables of the step; the slacks follow.
-    groups : (g,) array of int
-        Violation that each slack belongs to.
-    group_count : int
-        Number G of violations in the merit.
-    """
+    """A quadratic program and how its variables are laid out."""
 
     program: SlackedProgram
     rows: Rows
-    step_size: int
-    groups: Index
-    group_count: int
+    step_size: int  # Number of variables of the step; the slacks follow
+    groups: Index  # (g,) Violation that each slack belongs to
+    group_count: int  # Number G of violations in the merit
 
     def prices(self, solution: Solution) -> Array:
         """Return the multipliers of all rows, the hard ones first, in a solution of the program."""
@@ -112,11 +80,7 @@ def build_subproblem(
     active: ActiveSet | None = None,
     last: LastStep | None = None,
 ) -> Subproblem:
-    """Build the quadratic program of a step from a trip.
-
-    The rows may be violated at a price, s, of each violation, (G,). The active set is that of the last subproblem; the
-    last step, if it led to this trip, corrects the Hessian.
-    """
+    """Build the quadratic program of a step from a trip."""
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     (groups,) = present.nonzero()
     slack = (present.cumsum() - 1)[rows.group]

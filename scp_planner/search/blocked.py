@@ -1,8 +1,4 @@
-"""Which cells of the grid the zones and the workspace block.
-
-On a line across the guide a zone blocks at each time one interval of offsets. Of all lines, delays and zones only few
-meet: they are found from looks at the ends of stretches of delays, and only they are worked out.
-"""
+"""Cells of the grid that zones and workspace block."""
 
 from __future__ import annotations
 
@@ -35,23 +31,14 @@ MOST_MARKED = 1_000_000  # cells at a time
 
 @dataclass(frozen=True)
 class Cuts:
-    """Offsets that zones block on lines at some delays.
+    """Offsets that zones block on lines at some delays."""
 
-    Attributes
-    ----------
-    line, delay, zone : (n,) arrays of int
-    lower, upper, middle : (n,) arrays
-        Ends of the blocked offsets, and the offset of the zone's centre.
-    lasting : bool
-        Whether they block at all delays: then those that are given say nothing.
-    """
-
-    line: Index
-    delay: Index
-    zone: Index
-    lower: Array
-    upper: Array
-    middle: Array
+    line: Index  # (n,)
+    delay: Index  # (n,)
+    zone: Index  # (n,)
+    lower: Array  # (n,) Ends of the blocked offsets, and the offset of the zone's centre
+    upper: Array  # (n,) Ends of the blocked offsets, and the offset of the zone's centre
+    middle: Array  # (n,) Ends of the blocked offsets, and the offset of the zone's centre
     lasting: bool = False
 
     def only(self, kept: Mask | Index) -> Cuts:
@@ -68,13 +55,7 @@ class Cuts:
 
 
 class Lines:
-    """Lines across the guide at the grid's stations and between them.
-
-    Parameters
-    ----------
-    problem : Problem
-    grid : Grid
-    """
+    """Lines across the guide at the grid's stations and between them."""
 
     def __init__(self, problem: Problem, grid: Grid) -> None:
         self.grid, self.zones = grid, problem.zones
@@ -82,7 +63,7 @@ class Lines:
         self.frame: GuideFrame | None = None if guide.straight else guide.frame(grid.lines)
 
     def seen(self, line: Index, centers: Array) -> tuple[Array, Array]:
-        """How far points (..., 2) are ahead of lines, and their offsets on them."""
+        """Distances of points (..., 2) ahead of lines, and their offsets on them."""
         if self.frame is None:
             return centers[..., 0] - self.grid.lines[line], centers[..., 1]
         x, y = (centers[..., axis] - self.frame.position[line, axis] for axis in (0, 1))
@@ -139,7 +120,7 @@ class Lines:
                 yield self.cuts(line, delay, zone, self.times(line, delay))
 
     def _corners(self, some: Index) -> int:
-        """How many times the usual work it takes to cut the one of some zones with the most corners."""
+        """Relative cost of cutting the zone with the most corners."""
         outlines = self.zones.outlines
         if outlines is None or len(some) == 0:
             return 1
@@ -147,7 +128,7 @@ class Lines:
         return 1 + int(np.where(slots >= 0, outlines.counts[slots], 0).max()) // USUAL_CORNERS
 
     def _near(self, part: Index, edges: Index) -> Mask:
-        """Whether zones come near lines in stretches of delays, (lines, stretches, zones)."""
+        """True if zones come near lines in stretches of delays, (lines, stretches, zones)."""
         zones, lines = self.zones, np.arange(len(self.grid.lines))
         times = self.times(lines[:, None], edges).ravel()
         shape = (len(lines), len(edges), len(part))
@@ -168,20 +149,7 @@ Closure = list[tuple[Index, Words]]
 
 
 class Cells:
-    """Which cells are free, as words of delays.
-
-    Parameters
-    ----------
-    problem : Problem
-    grid : Grid
-    deadline : float
-        Value of :func:`time.perf_counter` after which nothing further is looked at.
-
-    Attributes
-    ----------
-    cut_off : bool
-        Whether that was so: cells may be as if free then.
-    """
+    """Free cells of the grid, as words of delays."""
 
     def __init__(self, problem: Problem, grid: Grid, deadline: float = np.inf) -> None:
         self.problem, self.grid, self.deadline = problem, grid, deadline
@@ -207,7 +175,7 @@ class Cells:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the deadline has passed, where a large grid, or zones of many corners, take time."""
+        """True if the deadline has passed, where a large grid, or zones of many corners, take time."""
         outlines = self.problem.zones.outlines
         few = self.shape[0] * self.shape[1] <= FEW_CELLS and (outlines is None or len(outlines.corners) <= FEW_CORNERS)
         return not few and perf_counter() > self.deadline
@@ -261,10 +229,7 @@ class Cells:
         return words
 
     def shut(self, closed: Iterable[tuple[int, int]]) -> bool:
-        """Whether sides that are closed surely block a line between start and goal at all times.
-
-        So they do where what stands leaves nothing free on the other side: walls are passed on one side alone.
-        """
+        """True if sides that are closed surely block a line between start and goal at all times."""
         return any(zone in self._walled[side] for zone, side in closed)
 
     @property
@@ -289,7 +254,7 @@ class Cells:
         return min((int(some[0]) for some in lines), default=self.shape[0])
 
     def _closures(self, closed: Sequence[tuple[int, int]]) -> dict[tuple[int, int], Closure]:
-        """What is blocked when sides of zones are closed, each for itself."""
+        """Blocked cells when sides of zones are closed, each for itself."""
         known, count = range(self._looked), self.shape[0]
         found: dict[tuple[int, int], Closure] = {one: [] for one in closed}
         zones, sides = np.array(closed, dtype=np.intp).T
@@ -363,7 +328,7 @@ class Cells:
         blocked |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
 
     def _outside(self) -> Mask:
-        """Which cells lie outside the workspace box, or where the guide folds."""
+        """Cells outside the workspace box, or where the guide folds."""
         box, space, grid = self.problem.box, self.problem.space, self.grid
         outside = np.zeros(self.shape, dtype=np.bool_)
         if len(box.offsets):

@@ -22,19 +22,7 @@ LEAST_DIVISOR = 1e-9  # s, m/s: against division by zero
 
 
 def trip_along(problem: Problem, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
-    """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times.
-
-    Parameters
-    ----------
-    problem : Problem
-    way : Way
-    smoothing : float
-        Weight of bending against offsets, m^2.
-
-    Returns
-    -------
-    Trajectory
-    """
+    """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times."""
     space, ends = problem.space, problem.ends
     theta = ends.theta.copy()
     rows = space.path.rows(way.stations / space.length)

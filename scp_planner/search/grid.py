@@ -1,16 +1,4 @@
-"""The grid of the search: states of a vehicle that follows the guide, as fine as the scene asks for.
-
-A state is a station, an offset from the guide, a slope, a class of speed, and a delay behind the fastest drive along
-the guide. The delays are bits of one word, so that one operation moves all of them. From one station to the next
-
-- the offset changes by the slope, the slope by what the limits of curvature and of lateral acceleration allow at the
-  speed, the speed by what those of acceleration and deceleration allow;
-- the delay grows by what the length driven takes at the speed, less what the fastest drive takes.
-
-All sizes follow from ratios: the distance of stations from the size of what is in the way, and from how far a vehicle
-at top speed drives while it turns or brakes; the slope's step from how much it turns between stations; the delay's step
-from the time between them.
-"""
+"""The grid of the search: states of a vehicle that follows the guide, as fine as the scene asks for."""
 
 from __future__ import annotations
 
@@ -34,33 +22,15 @@ EACH_STATION = 2
 
 @dataclass(frozen=True)
 class Fineness:
-    """How fine a grid is, in ratios.
+    """Fineness of a grid, in ratios."""
 
-    Attributes
-    ----------
-    stations : float
-        Stations to a typical radius of what is in the way.
-    slope_step : float
-        The least slope but 0.
-    slopes : tuple of int
-        Classes of slope to each side, in steps: about equal angles lie between them.
-    turns : int
-        Classes by which the slope changes between stations, at most.
-    speeds : int
-        Classes of speed.
-    delays : float
-        Delays to the time from one station to the next at top speed.
-    shrunk : float
-        Steps of the offset by which zones are taken to be smaller, so that narrow gaps hold a cell.
-    """
-
-    stations: float = 0.9
-    slope_step: float = 0.25
-    slopes: tuple[int, ...] = (1, 2, 3, 4, 6, 9, 14)
-    turns: int = 3
-    speeds: int = 5
-    delays: float = 10.0
-    shrunk: float = 0.4
+    stations: float = 0.9  # Stations to a typical radius of what is in the way
+    slope_step: float = 0.25  # The least slope but 0
+    slopes: tuple[int, ...] = (1, 2, 3, 4, 6, 9, 14)  # Classes of slope to each side, in steps
+    turns: int = 3  # Classes by which the slope changes between stations, at most
+    speeds: int = 5  # Classes of speed
+    delays: float = 10.0  # Delays to the time from one station to the next at top speed
+    shrunk: float = 0.4  # Steps of the offset by which zones are taken to be smaller, so that narrow gaps hold a cell
 
 
 LEAST_STEP = 0.2  # of the braking distance and of the turning radius at top speed: finer steps lead to no other ways
@@ -71,46 +41,21 @@ PROFILE_LOOKS = 8  # at the fastest drive, between lines
 
 @dataclass(frozen=True)
 class Grid:
-    """See the module.
+    """See the module."""
 
-    Attributes
-    ----------
-    lines : (2 n + 1,) array
-        Stations, and the middles between them.
-    fastest : (2 n + 1,) array
-        When the fastest drive is there.
-    offset_step, delay_step : float
-    middle : int
-        Offsets to each side.
-    slopes : (M,) array
-        Slopes of the classes, increasing.
-    sidesteps : (M,) array of int
-        By how many offsets each leads to the side, from one station to the next.
-    speeds : (K,) array
-        Highest speed of each class, the fastest first.
-    turns : (K,) array of int
-        By how many classes the slope changes at most, from one station to the next.
-    rises, falls : int
-        By how many classes the speed rises and falls at most.
-    first_speeds : slice
-        Classes of the speed at the start.
-    shrunk : float
-        By how much zones are taken to be smaller.
-    """
-
-    lines: Array
-    fastest: Array
+    lines: Array  # (2 n + 1,) Stations, and the middles between them
+    fastest: Array  # (2 n + 1,)
     offset_step: float
     delay_step: float
-    middle: int
-    slopes: Array
-    sidesteps: Index
-    speeds: Array
-    turns: Index
-    rises: int
-    falls: int
-    first_speeds: slice
-    shrunk: float
+    middle: int  # Offsets to each side
+    slopes: Array  # (M,) Slopes of the classes, increasing
+    sidesteps: Index  # (M,) By how many offsets each leads to the side, from one station to the next
+    speeds: Array  # (K,) Highest speed of each class, the fastest first
+    turns: Index  # (K,) By how many classes the slope changes at most, from one station to the next
+    rises: int  # By how many classes the speed rises and falls at most
+    falls: int  # By how many classes the speed rises and falls at most
+    first_speeds: slice  # Classes of the speed at the start
+    shrunk: float  # By how much zones are taken to be smaller
 
     @property
     def columns(self) -> int:
@@ -159,13 +104,13 @@ class Grid:
 
     @cached_property
     def slopes_near(self) -> list[list[range]]:
-        """Which classes of slope each class leads to at a station, driven with each class of speed."""
+        """Classes of slope after each class at a station, for each class of speed."""
         count = len(self.slopes)
         return [[range(max(m - by, 0), min(m + by + 1, count)) for m in range(count)] for by in self.turn_counts]
 
     @cached_property
     def durations(self) -> Array:
-        """What it takes from one station to the next with each class of speed and slope, (n, K, M)."""
+        """Time from one station to the next with each class of speed and slope, (n, K, M)."""
         least = np.diff(self.fastest[::EACH_STATION])
         speed = np.minimum(self.speeds, (self.step / least)[:, None])
         found: Array = self.step * np.hypot(1.0, self.slopes) / speed[:, :, None]
@@ -173,10 +118,7 @@ class Grid:
 
     @cached_property
     def shifts(self) -> Words:
-        """By how many delays each half of that is more than the fastest drive takes, (2 n, K, M).
-
-        Rounded so that the sum over equal halves is true to one delay.
-        """
+        """By how many delays each half of that is more than the fastest drive takes, (2 n, K, M)."""
         more = (self.durations - np.diff(self.fastest[::EACH_STATION])[:, None, None]) / (
             EACH_STATION * self.delay_step
         )

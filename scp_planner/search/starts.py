@@ -20,16 +20,7 @@ WAITED = 0.6  # of all delays: the wait for a time before which the goal may not
 
 
 def coarsenesses(problem: Problem) -> tuple[float, ...]:
-    """Return factors of the steps of delays, in turn: with the first one all delays hold what must be waited.
-
-    Parameters
-    ----------
-    problem : Problem
-
-    Returns
-    -------
-    tuple of float
-    """
+    """Return factors of the steps of delays, in turn: with the first one all delays hold what must be waited."""
     earliest = max(
         (limit.travel_time for limit in problem.constraints if isinstance(limit, EarliestArrival)), default=0.0
     )
@@ -41,22 +32,7 @@ def coarsenesses(problem: Problem) -> tuple[float, ...]:
 
 
 def starts(problem: Problem, searches: int, deadline: float = np.inf) -> Iterator[tuple[float, Trajectory]]:
-    """Yield estimated travel times and starts for any method: different ways round, or bows if there is none.
-
-    Parameters
-    ----------
-    problem : Problem
-    searches : int
-        Sweeps of the search for ways, at most. The fastest estimate comes first; further ways pass one of the
-        obstacles that the last one came closest to on its other side.
-    deadline : float
-        Value of :func:`time.perf_counter` at which the search for ways ends.
-
-    Yields
-    ------
-    (float, Trajectory)
-        Estimated travel time, s, and a start.
-    """
+    """Yield estimated travel times and starts for any method: different ways round, or bows if there is none."""
     for coarseness in coarsenesses(problem):
         if perf_counter() > deadline:
             break

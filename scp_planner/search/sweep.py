@@ -1,9 +1,4 @@
-"""What can be reached on the grid, station by station, and the fastest ways back from the goal.
-
-The offsets and delays of a class of speed and slope are the bits of one integer, so that a shift moves all of them to
-the side and on in time: of the classes only few are reached at a station, and each costs a few such shifts. Several
-cases, which differ in the cells that are free, are swept together, one after the other in the same integers.
-"""
+"""Forward sweep over the grid, station by station, and the fastest ways back from the goal."""
 
 from __future__ import annotations
 
@@ -28,92 +23,45 @@ WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays 
 Counts = NDArray[np.uint8]
 
 Reached = list[dict[int, int]]
-"""Of each class of speed: offsets and delays, as bits, of each slope that is reached with it."""
+"""Reached offsets and delays, as bits, for each class of speed and slope."""
 
 
 @dataclass(frozen=True)
 class WayEnds:
-    """Where ways begin and end.
+    """Start and end of ways."""
 
-    Attributes
-    ----------
-    first_slopes, last_slopes : slice
-        Slopes before the start and at the goal.
-    goal : (O,) array of words
-        Which offsets and delays are an arrival.
-    """
-
-    first_slopes: slice
-    last_slopes: slice
-    goal: Words
+    first_slopes: slice  # Slopes before the start and at the goal
+    last_slopes: slice  # Slopes before the start and at the goal
+    goal: Words  # (O,)
 
 
 @dataclass(frozen=True)
 class States:
-    """States on the way, one a station.
+    """States on the way, one a station."""
 
-    Attributes
-    ----------
-    slope, speed, offset, delay : (n + 1,) arrays of int
-        Classes and cells; slope and speed are those of the leg that ends at the station.
-    waited : (n,) array of int
-        Delays for which the vehicle waits at each station but the first.
-    """
-
-    slope: Index
-    speed: Index
-    offset: Index
-    delay: Index
-    waited: Index
+    slope: Index  # (n + 1,) Classes and cells; slope and speed are those of the leg that ends at the station
+    speed: Index  # (n + 1,) Classes and cells; slope and speed are those of the leg that ends at the station
+    offset: Index  # (n + 1,) Classes and cells; slope and speed are those of the leg that ends at the station
+    delay: Index  # (n + 1,) Classes and cells; slope and speed are those of the leg that ends at the station
+    waited: Index  # (n,) Delays for which the vehicle waits at each station but the first
 
 
 @dataclass(frozen=True)
 class Begun:
-    """What a sweep of one case has reached up to a station: another, with the same cells until there, goes on.
-
-    Attributes
-    ----------
-    sweep : Sweep
-    station : int
-    """
+    """Cells that a sweep has reached up to a station, from which another one with the same cells goes on."""
 
     sweep: Sweep
     station: int
 
     @property
     def reached(self) -> list[Reached | None]:
-        """What is reached at each station up to that."""
+        """Reached cells at each station so far."""
         last = min(self.station, len(self.sweep.reached) - 1)
         return [*self.sweep.reached[:last], self.sweep.at(last)]
 
 
 class Layout:
-    """Words of delays as one integer: offset after offset, the lowest first, and case after case.
-
-    Parameters
-    ----------
-    first : int
-        The lowest offset that has a word.
-    size : int
-        Offsets.
-    beside : int
-        Moves to the side by up to so many offsets do not lead from one case into another.
-    cases : int
-    delays : int
-        Later ones are left out; words have at least so many bits.
-
-    Attributes
-    ----------
-    length : int
-        Bits of a word.
-    bytes : int
-        Of an integer.
-    offsets : int
-        The first delay of each offset of one case.
-    early : list of int
-        By numbers of delays, less than a word's: all delays but the last so many, which stay in their words when they
-        become so much longer.
-    """
+    """Words of delays as one integer: offset after offset, the lowest first, and case after case."""
 
     def __init__(self, first: int, size: int, beside: int, cases: int, delays: int) -> None:
         self.first, self.size, self.cases = first, size, cases
@@ -167,12 +115,12 @@ class Layout:
 
 
 def _repeated(bits: int, length: int, count: int) -> int:
-    """The same bits so many times, so far apart."""
+    """Bits repeated so many times, so far apart."""
     return bits * (((1 << length * count) - 1) // ((1 << length) - 1))
 
 
 class _Leaving:
-    """What leaves a station, after changes of speed and slope; classes of speed are asked for in their order."""
+    """Cells left from a station after changes of speed and slope; classes of speed are asked for in order."""
 
     def __init__(self, grid: Grid, before: Reached) -> None:
         self._grid, self._before = grid, before
@@ -182,7 +130,6 @@ class _Leaving:
         self._left: dict[int, int] = {}
 
     def left(self, k: int) -> dict[int, int]:
-        """What leaves with a class of speed, of each slope."""
         grid, speeds, turns = self._grid, self._grid.speeds_before[k], self._grid.turn_counts[k]
         if speeds == self._speeds and turns == self._turns:
             return self._left
@@ -203,30 +150,7 @@ class _Leaving:
 
 
 class Sweep:
-    """One sweep over the stations.
-
-    Parameters
-    ----------
-    grid : Grid
-    free : (lines, half offsets, C) array of words
-        Free cells in each case.
-    ends : WayEnds
-    in_time : (n + 1, K, O) array of int
-        So many delays are looked at, at each station, of each class of speed and offset.
-    deadline : float
-        Value of :func:`time.perf_counter` after which nothing further is reached.
-    begun : Begun, optional
-        What is known of a sweep of the same grid, ends and times.
-
-    Attributes
-    ----------
-    layout : Layout
-    reached : list of Reached or None
-        What is reached at each station, up to the last one at which anything is; of large grids only at some stations:
-        from these the others are found again where a way is followed back.
-    cut_off : bool
-        Whether the deadline has passed before the goal was reached.
-    """
+    """One sweep over the stations."""
 
     def __init__(
         self,
@@ -268,7 +192,6 @@ class Sweep:
         ]
 
     def _first(self, ends: WayEnds) -> Reached:
-        """Where ways begin."""
         grid, start = self.grid, 0
         for case in range(self.layout.cases):
             start |= 1 << self.layout.bit(grid.middle, 0, case)
@@ -291,7 +214,7 @@ class Sweep:
         self._timely = [timely[row : row + speeds] for row in range(0, len(timely), speeds)]
 
     def at(self, i: int) -> Reached:
-        """What is reached at a station."""
+        """Reached cells at a station."""
         found = self.reached[i]
         if found is None:
             begin = i - i % STRETCH
@@ -307,7 +230,7 @@ class Sweep:
         return found
 
     def _advanced(self, i: int, before: Reached) -> Reached:
-        """What is reached at the next station."""
+        """Reached cells at the next station."""
         grid, layout = self.grid, self.layout
         if i not in self._loaded:
             self._load(i - (i - 1) % STRETCH)
@@ -393,7 +316,7 @@ class Sweep:
                     bits ^= least
 
     def _detour(self, state: tuple[int, int, int]) -> int:
-        """How slow, steep and far from the guide a state is."""
+        """Cost of a state: slowness, slope and distance from the guide."""
         speed, slope, offset = state
         return speed + abs(self._sides[slope]) + abs(offset - self.grid.middle)
 

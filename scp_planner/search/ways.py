@@ -1,9 +1,4 @@
-"""The best way round: searches on the grid, and other ways with sides of obstacles closed.
-
-A trip among moving obstacles has many local minima: in front of, behind, left, right, wait. At any station and time an
-obstacle blocks one interval of offsets, and a way passes it above or below: in front, behind, left and right are all
-of this kind. Other ways are found by closing the side that the last one used.
-"""
+"""The best way round: searches on the grid, and other ways with sides of obstacles closed."""
 
 from __future__ import annotations
 
@@ -33,22 +28,12 @@ BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 
 @dataclass(frozen=True)
 class Way:
-    """One way round, roughly.
+    """One way round, roughly."""
 
-    Attributes
-    ----------
-    travel_time : float
-        Estimate, s: the last of the times, but for what the guide's bends make longer outside and shorter inside.
-    stations, offsets, times : (n,) arrays
-        m, m and s.
-    sides : tuple of (zone, +1 or -1)
-        Which obstacles are met, and whether they are passed above or below, the closest first.
-    """
-
-    travel_time: float
-    stations: Array
-    offsets: Array
-    times: Array
+    travel_time: float  # Estimate, s: the last of the times
+    stations: Array  # (n,) m, m and s
+    offsets: Array  # (n,) m, m and s
+    times: Array  # (n,) m, m and s
     sides: tuple[tuple[int, int], ...] = field(default=())
 
     @property
@@ -70,18 +55,7 @@ class _Base:
 
 
 class WaySearch:
-    """The grid of a problem, and searches on it.
-
-    Parameters
-    ----------
-    problem : Problem
-    coarseness : float
-        Factor of the steps of the delay: the longer, the longer may be waited, and the less exact it is.
-    fineness : Fineness, optional
-        Of all other steps.
-    deadline : float
-        Value of :func:`time.perf_counter` after which no further zones are looked at, and no way is found.
-    """
+    """The grid of a problem, and searches on it."""
 
     def __init__(
         self,
@@ -136,20 +110,7 @@ class WaySearch:
         return goal
 
     def best(self, closed: Closed = (), within: float = np.inf) -> Way | None:
-        """Return the fastest way, without passing some obstacles on some sides.
-
-        Parameters
-        ----------
-        closed : tuple of (zone, side)
-            Sides that are closed: +1 above, -1 below.
-        within : float
-            Only ways whose estimate is not longer than this are looked for, s.
-
-        Returns
-        -------
-        Way or None
-            None if there is no way on the grid.
-        """
+        """Return the fastest way, without passing some obstacles on some sides."""
         return self.best_of([closed], within)[0]
 
     def best_of(self, cases: Sequence[Closed], within: float = np.inf) -> list[Way | None]:
@@ -243,10 +204,7 @@ class WaySearch:
         return float(np.abs(self._turns).sum() * grid.offsets[-1] / grid.speeds[0])
 
     def _in_bends(self, offsets: Array, legs: Array) -> float:
-        """By how much legs take longer than along a straight guide, s; negative for those inside of its bends.
-
-        Beside a guide that turns by an angle, at an offset, what is driven along it is less by their product.
-        """
+        """By how much legs take longer than along a straight guide, s; negative for those inside of its bends."""
         if self.cells.lines.frame is None:
             return 0.0
         step, aside = self.grid.step, np.diff(offsets)
@@ -256,10 +214,7 @@ class WaySearch:
 
     @cached_property
     def _earliest(self) -> Array:
-        """When each class of speed reaches the goal at best, less the time from its station, (n + 1, K, O to one side).
-
-        The sides are mirrors of each other; the guide comes first.
-        """
+        """Least time to the goal for each class of speed, relative to its station's, (n + 1, K, O to one side)."""
         grid, acceleration = self.grid, self.problem.limits.acceleration
         speed, top = grid.speeds[:, None], float(grid.speeds[0])
         ramp = (top * top - speed * speed) / (2.0 * acceleration)
@@ -348,37 +303,12 @@ class WayTree:
 
 
 def ways(search: WaySearch, most: int, within: Callable[[], float] = lambda: np.inf) -> Iterator[Way]:
-    """Yield different ways round, the fastest estimate first, found as they are asked for.
-
-    Parameters
-    ----------
-    search : WaySearch
-    most : int
-        Ways that are searched for, at most.
-    within : callable
-        Gives how long the estimates of ways may be that are still looked for, s; asked before each.
-
-    Yields
-    ------
-    Way
-    """
+    """Yield different ways round, the fastest estimate first, found as they are asked for."""
     return (way for way in ways_in_parts(search, most, within, BRANCHES) if way is not None)
 
 
 def ways_in_parts(search: WaySearch, most: int, within: Callable[[], float], part: int) -> Iterator[Way | None]:
-    """Yield ways as :func:`ways` does, and None in between: after each so many branches that have been looked for.
-
-    Parameters
-    ----------
-    search, most, within
-        As there.
-    part : int
-        How many branches of a way are looked for at a time.
-
-    Yields
-    ------
-    Way or None
-    """
+    """Yield ways as :func:`ways` does, and None in between: after each so many branches that have been looked for."""
     tree = WayTree(search, most, within())
     while (way := tree.next()) is not None and way.travel_time <= within():
         yield way

@@ -1,4 +1,4 @@
-"""What can be set, with units and ranges.
+"""Settings, with units and ranges.
 
 May import solvers, whose names are a setting, and errors. Begin with `planning`; `knobs` is how a setting is
 declared and checked.

@@ -1,8 +1,4 @@
-"""What makes a frozen dataclass a set of knobs: every one has a range, a unit and an effect, and is checked.
-
-The range and unit of a field stand in its annotation, ``Annotated[float, Range(0.0, 10.0, "m")]``, its effect in the
-class's docstring. From these come the checks, the messages, the listing of the command line and the reference page.
-"""
+"""Frozen dataclasses of settings whose fields have a range, a unit and an effect, and are checked."""
 
 from __future__ import annotations
 
@@ -25,18 +21,11 @@ Word = TypeVar("Word", bound=Enum)
 
 @dataclass(frozen=True)
 class Range:
-    """What a number may be, ends included.
-
-    Attributes
-    ----------
-    least, most : float
-    unit : str
-        SI; empty for a count or a ratio.
-    """
+    """Range of numbers, ends included."""
 
     least: float
     most: float = math.inf
-    unit: str = ""
+    unit: str = ""  # SI; empty for a count or a ratio
 
     def __contains__(self, value: float) -> bool:
         return self.least <= value <= self.most
@@ -48,7 +37,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Above(Range):
-    """What a number may be that must be more than the least."""
+    """Range of numbers without its lower end."""
 
     def __contains__(self, value: float) -> bool:
         return self.least < value <= self.most
@@ -59,15 +48,9 @@ class Above(Range):
 
 @dataclass(frozen=True)
 class Choice:
-    """What a word may be.
+    """Allowed words."""
 
-    Attributes
-    ----------
-    words : callable
-        Gives the words; called when they are needed.
-    """
-
-    words: Callable[[], Iterable[str]]
+    words: Callable[[], Iterable[str]]  # Gives the words; called when they are needed
 
     def __contains__(self, value: str) -> bool:
         return value in self.words()
@@ -78,26 +61,12 @@ class Choice:
 
 @dataclass(frozen=True)
 class Knob:
-    """One setting.
-
-    Attributes
-    ----------
-    name : str
-    kind : type
-        int, float, str or an Enum.
-    optional : bool
-        Whether it may be None.
-    allowed : Range, Choice or None
-        None: settings of their own, not to be set by text.
-    default : object
-    effect : str
-        What it does, from the class's docstring.
-    """
+    """One setting."""
 
     name: str
-    kind: type
+    kind: type  # int, float, str or an Enum
     optional: bool
-    allowed: Range | Choice | None
+    allowed: Range | Choice | None  # None: settings of their own, not to be set by text
     default: Any
     effect: str
 
@@ -108,7 +77,7 @@ class Knob:
 
     @property
     def allowed_text(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values in words."""
         if self.allowed is None:
             return f"an instance of {self.kind.__name__}"
         number = "" if isinstance(self.allowed, Choice) else "a whole number, " if self.kind is int else "a number, "
@@ -204,25 +173,7 @@ class Knobs:
 
 
 def parse_assignments(assignments: Iterable[str], *classes: type[Knobs]) -> dict[str, Any]:
-    """Read texts such as ``path_span=2`` as values of the settings of some classes.
-
-    Parameters
-    ----------
-    assignments : iterable of str
-        ``name=value`` each.
-    *classes : type
-        Whose settings may be named.
-
-    Returns
-    -------
-    dict of str to value
-        Not yet checked against the ranges.
-
-    Raises
-    ------
-    SettingsError
-        With every text that is no assignment, and every unknown name.
-    """
+    """Read texts such as ``path_span=2`` as values of the settings of some classes."""
     known = {name: knob for each in classes for name, knob in knobs(each).items() if knob.allowed is not None}
     faults: list[Fault] = []
     values: dict[str, Any] = {}
@@ -283,24 +234,7 @@ def unknown_name(name: str, value: object, known: Iterable[str]) -> Fault:
 
 
 def word_of(kind: type[Word], value: object, name: str) -> Word:
-    """Turn a word into a member of an enum, which may be given itself.
-
-    Parameters
-    ----------
-    kind : type
-    value : object
-    name : str
-        What the message calls it.
-
-    Returns
-    -------
-    A member of the enum.
-
-    Raises
-    ------
-    SettingsError
-        Naming the value, and the words that there are.
-    """
+    """Turn a word into a member of an enum, which may be given itself."""
     try:
         return kind(value)
     except ValueError:

@@ -18,12 +18,12 @@ RARE = 1e-6
 MANOEUVRE = 0.03
 """Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'."""
 CHANGES = 0.02
-"""How often an obstacle is taken to change its acceleration, in a unit of time."""
+"""Rate of an obstacle's acceleration changes, per unit of time."""
 
 
 @dataclass(frozen=True)
 class Newcomers(Knobs):
-    """What is taken for granted of obstacles that have only just been seen, until their motion shows.
+    """Assumptions on obstacles that have only just been seen, until their motion shows.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class SceneNewcomers(Newcomers):
 
 
 class Safety(StrEnum):
-    """What must be certified before a plan is driven."""
+    """Condition that a plan must be certified for before it is driven."""
 
     STOP = "stop"
     """The trip up to a moment at or after the next replan, and a stop from there."""
@@ -72,10 +72,10 @@ class Safety(StrEnum):
 
 
 class GiveWay(StrEnum):
-    """When the vehicle gets out of the way of what moves."""
+    """Condition under which the vehicle gets out of the way of moving obstacles."""
 
     LATE = "late"
-    """Where no trip can be left for a stop that stays clear."""
+    """Only if no trip can be left for a stop that stays clear."""
     EARLY = "early"
     """Also where a short trip leads nearly as far and keeps farther away."""
 
@@ -89,12 +89,12 @@ def _safeties() -> tuple[str, ...]:
 
 
 class Regions(StrEnum):
-    """What the sizes of zones follow."""
+    """Basis of the sizes of zones."""
 
     MODEL = "model"
     """The motion that is estimated, whichever is noticed to hold."""
     ADAPTIVE = "adaptive"
-    """That, and how often it was right, by obstacle and horizon; see `scp_planner.estimation.conformal`."""
+    """As above, and by past coverage per obstacle and horizon; see `scp_planner.estimation.conformal`."""
 
 
 def _regions() -> tuple[str, ...]:
@@ -103,28 +103,11 @@ def _regions() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Watch:
-    """What is noticed of obstacles and of the sensor, and what they are allowed that has not been noticed yet.
+    """Changes of obstacles and of the sensor that are noticed, and those that are allowed for in advance."""
 
-    Attributes
-    ----------
-    gate_probability : float
-        An observation less probable than this is left out. 0: none is.
-    alarm_probability : float
-        A window of the newest observations less probable than this is an alarm: then zones follow a freer motion, see
-        `scp_planner.online.noticing`. 0: there are no alarms, and the noise is believed too.
-    manoeuvre : float
-        Standard deviation of a change of acceleration that may begin at any moment, as a multiple of that of
-        newcomers' accelerations. Larger: zones that grow faster, and slower trips.
-    regions : Regions
-        What the sizes of zones follow.
-    changes : float
-        How often an obstacle is taken to change its acceleration, in a unit of time, see
-        `scp_planner.online.suspicions`. 0: zones allow for no change before it is an alarm.
-    """
-
-    gate_probability: float = GATE_PROBABILITY
-    alarm_probability: float = RARE
-    manoeuvre: float = MANOEUVRE
+    gate_probability: float = GATE_PROBABILITY  # An observation less probable than this is left out
+    alarm_probability: float = RARE  # A window of the newest observations less probable than this is an alarm
+    manoeuvre: float = MANOEUVRE  # Standard deviation of a change of acceleration that may begin at any moment
     regions: Regions = Regions.ADAPTIVE
     changes: float = CHANGES
 
@@ -254,11 +237,11 @@ class OnlineSettings(Knobs):
 
     @property
     def watch(self) -> Watch:
-        """What is noticed, and what is allowed for."""
+        """Changes that are noticed, and those that are allowed for."""
         return Watch(self.gate_probability, self.alarm_probability, self.manoeuvre, self.regions, self.changes)
 
     def margin(self, max_speed: float) -> float:
-        """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""
+        """Margin added to zones, m: tracking error, and the way that the vehicle drives in its reaction time."""
         return self.tracking_error + self.reaction_time * max_speed
 
 

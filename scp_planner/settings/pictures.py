@@ -1,4 +1,4 @@
-"""What pictures show, and the files that hold them: for what draws them and for what asks for them before it plans."""
+"""Contents of pictures and their file formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
 
 
 class View(StrEnum):
-    """What a figure shows.
+    """Kind of figure.
 
     ``map``: the map at several times, and profiles. ``space-time``: which part of the way is taken when.
     ``profiles``: speed, accelerations, curvature and clearance against their limits.

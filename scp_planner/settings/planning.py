@@ -127,24 +127,7 @@ AnyKnobs = TypeVar("AnyKnobs", bound=Knobs)
 
 
 def for_scene(settings: Settings, units: Units | None = None) -> SceneSettings:
-    """Return the settings for a scene: what they leave open as the scene decides.
-
-    Parameters
-    ----------
-    settings : Settings
-        Those for a scene stay as they are.
-    units : Units, optional
-        Of the scene; by default 1 m and 1 s.
-
-    Returns
-    -------
-    SceneSettings
-
-    Raises
-    ------
-    SettingsError
-        With every length and time that is too small or too large for the scene.
-    """
+    """Return the settings for a scene: what they leave open as the scene decides."""
     if isinstance(settings, SceneSettings):
         return settings
     return _for_scene(of_kind(settings, Settings), units or Units())
@@ -152,78 +135,24 @@ def for_scene(settings: Settings, units: Units | None = None) -> SceneSettings:
 
 @lru_cache(maxsize=16)
 def _for_scene(settings: Settings, units: Units) -> SceneSettings:
-    """The same, kept for the next plan."""
     return decided(settings, Settings, SceneSettings, units)
 
 
 def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Units) -> SceneSettings:
-    """Return settings for a scene with some that a user gives, lengths in m and times in s, in their place.
-
-    Parameters
-    ----------
-    settings : SceneSettings
-    given : mapping of str to value
-        By name.
-    units : Units
-        Of the scene.
-
-    Returns
-    -------
-    SceneSettings
-
-    Raises
-    ------
-    SettingsError
-        As in :func:`for_scene`.
-    """
+    """Return settings for a scene with some that a user gives, lengths in m and times in s, in their place."""
     usual = for_scene(Settings(**given), units)
     return replace(settings, **{name: getattr(usual, name) for name, value in given.items() if value is not None})
 
 
 def of_kind(settings: object, kind: type[AnyKnobs]) -> AnyKnobs:
-    """Return settings as they are if they are of the kind that is asked for.
-
-    Parameters
-    ----------
-    settings : object
-        What somebody gave as settings.
-    kind : type
-
-    Returns
-    -------
-    An instance of ``kind``.
-
-    Raises
-    ------
-    SettingsError
-        If they are anything else, such as those of another kind.
-    """
+    """Return settings as they are if they are of the kind that is asked for."""
     if isinstance(settings, kind):
         return settings
     raise SettingsError("settings", [Fault("kind", type(settings).__name__, f"must be {kind.__name__}")])
 
 
 def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: Units) -> AnyKnobs:
-    """Return settings of one kind as those for a scene.
-
-    Parameters
-    ----------
-    settings : Knobs
-        Those for a scene stay as they are.
-    kind, scene : type
-        The one that users know, and the one derived from it in which nothing is left open.
-    units : Units
-        Of the scene.
-
-    Returns
-    -------
-    An instance of ``scene``.
-
-    Raises
-    ------
-    SettingsError
-        With every length and time that is too small or too large for the scene; if they are of another kind.
-    """
+    """Return settings of one kind as those for a scene."""
     if isinstance(settings, scene):
         return settings
     of_kind(settings, kind)

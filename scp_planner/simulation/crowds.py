@@ -1,11 +1,4 @@
-"""Crowds that others measure their robots in: crossings of a circle and of a square, and an arena of restless people.
-
-The first two are those of C. Chen, Y. Liu, S. Kreiss and A. Alahi, *Crowd-robot interaction*, ICRA 2019 (CrowdNav): a
-robot crosses 8 m among people of 0.3 m radius who like to walk at 1 m/s. The third is that of S. Liu et al., *Intention
-aware robot crowd navigation with attention-based interaction graph*, ICRA 2023 (CrowdNav++): 20 people of different
-sizes and speeds who change their goals, and a robot that sees 5 m far. In all of them people avoid each other by ORCA
-in steps of 0.25 s, and an episode is won when the robot comes within its radius of its goal in time, untouched.
-"""
+"""Crowds that others measure their robots in."""
 
 from __future__ import annotations
 
@@ -46,7 +39,7 @@ WALKER = Model(
     order=1,
     process=ProcessModel(process=RandomWalkVelocity(diffusion=0.001), velocity_deviation=1.0, noise_deviation=0.001),
 )
-"""How people who avoid each other are taken to move: nearly straight on, but each look may show another velocity."""
+"""Motion model of people who avoid each other: nearly straight, with changes of velocity."""
 STAY_CLEAR = 0.5
 """Times in which the vehicle drives its own width, for which a stop stays clear: who stands can go away in time..."""
 STARTING = 2.0 / 3.0
@@ -56,30 +49,14 @@ ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
 
 @dataclass(frozen=True)
 class Episode:
-    """A robot's task among people.
+    """A robot's task among people."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        Robot, start and goal; without obstacles.
-    people : OrcaPeople
-        The world that it drives in.
-    shapes : dict of str to Shape
-        Of the people, by id.
-    step : float
-        From one look and decision to the next, s.
-    time_limit : float
-        s.
-    view : float
-        How far the robot sees, m.
-    """
-
-    scenario: Scenario
-    people: OrcaPeople
+    scenario: Scenario  # Robot, start and goal; without obstacles
+    people: OrcaPeople  # The world that it drives in
     shapes: dict[str, Shape]
-    step: float
-    time_limit: float
-    view: float
+    step: float  # From one look and decision to the next, s
+    time_limit: float  # s
+    view: float  # m
 
     @property
     def rate(self) -> float:
@@ -87,18 +64,7 @@ class Episode:
         return 1.0 / self.step
 
     def setup(self, online: OnlineSettings | None = None, model: Model = WALKER) -> SimulationSettings:
-        """What :func:`scp_planner.simulate` drives it with: exact looks every step as far as the robot sees.
-
-        Parameters
-        ----------
-        online : OnlineSettings, optional
-        model : Model
-            That people are tracked with.
-
-        Returns
-        -------
-        SimulationSettings
-        """
+        """Settings of :func:`scp_planner.simulate`: exact measurements at every step within the robot's range."""
         return SimulationSettings(
             world=self.people,
             sensors=(Sensor(rate=self.rate, noise=0.0, range=self.view),),
@@ -111,22 +77,7 @@ class Episode:
 
 
 def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
-    """Settings of the planner among people who are seen well and turn at any moment.
-
-    It gives way early, a stop stays clear for a moment, and no observation is taken for a fault of the sensor: who
-    turns at once would be, and the vehicle would heed where nobody is. Zones are those of the model, which leave ways
-    through a crowd: those that are sized by what came of them fill it.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    step : float
-        From one look to the next, s.
-
-    Returns
-    -------
-    OnlineSettings
-    """
+    """Settings of the planner among people who are seen well and turn at any moment."""
     return OnlineSettings(
         give_way=GiveWay.EARLY,
         stay_clear=max(STAY_CLEAR * 2.0 * vehicle.radius, STARTING * vehicle.max_speed**2 / vehicle.max_acceleration)
@@ -139,25 +90,7 @@ def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
 
 
 def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> Episode:
-    """Everybody crosses a circle of 4 m radius to the opposite side, from a place jittered by up to 0.5 m.
-
-    Parameters
-    ----------
-    seed : int
-    people : int
-        How many.
-    sees_vehicle : bool
-        Whether they give way to the robot.
-
-    Returns
-    -------
-    Episode
-
-    Raises
-    ------
-    ValueError
-        If there is no room for so many.
-    """
+    """Everybody crosses a circle of 4 m radius to the opposite side, from a place jittered by up to 0.5 m."""
     rng = np.random.default_rng([seed, 0])
 
     def draw(_: int) -> tuple[Array, Array]:
@@ -168,25 +101,7 @@ def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
 
 
 def square_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> Episode:
-    """People cross a square of 10 m side, each from anywhere in its left or right half to anywhere in the other.
-
-    Parameters
-    ----------
-    seed : int
-    people : int
-        How many.
-    sees_vehicle : bool
-        Whether they give way to the robot.
-
-    Returns
-    -------
-    Episode
-
-    Raises
-    ------
-    ValueError
-        If there is no room for so many.
-    """
+    """People cross a square of 10 m side, each from anywhere in its left or right half to anywhere in the other."""
     rng = np.random.default_rng([seed, 1])
 
     def draw(_: int) -> tuple[Array, Array]:
@@ -198,25 +113,7 @@ def square_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
 
 
 def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> Episode:
-    """Restless people in an arena of 12 m, and a robot that sees 5 m far and drives at least 8 m.
-
-    Parameters
-    ----------
-    seed : int
-    people : int
-        How many.
-    sees_vehicle : bool
-        Whether they give way to the robot.
-
-    Returns
-    -------
-    Episode
-
-    Raises
-    ------
-    ValueError
-        If there is no room for so many.
-    """
+    """Restless people in an arena of 12 m, and a robot that sees 5 m far and drives at least 8 m."""
     rng = np.random.default_rng([seed, 2])
     while True:
         start, goal = rng.uniform(-ARENA, ARENA, (2, 2))
@@ -252,7 +149,7 @@ def _crossing(name: str, draw: Callable[[int], tuple[Array, Array]], people: int
 
 
 MOST_DRAWS = 100_000
-"""Of places for a crowd, before there is taken to be no room."""
+"""Draws of places for a crowd, before the scene counts as full."""
 
 
 def _placed(

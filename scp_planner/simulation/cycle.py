@@ -15,14 +15,7 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 @dataclass(frozen=True)
 class OutlineRecord:
-    """A convex outline: the numbers of an `Outline`.
-
-    Attributes
-    ----------
-    vertices, matrix : nested tuples or None
-        Of a polygon, (V, 2) m, or of an ellipse, (3,) m2.
-    turning : bool
-    """
+    """A convex outline: the numbers of an `Outline`."""
 
     vertices: tuple[Any, ...] | None
     matrix: tuple[float, ...] | None
@@ -39,35 +32,21 @@ class OutlineRecord:
         )
 
     def outline(self) -> Outline:
-        """The outline."""
         vertices, matrix = (None if part is None else np.array(part) for part in (self.vertices, self.matrix))
         return Outline(vertices, matrix, self.turning)
 
 
 @dataclass(frozen=True)
 class ZoneRecord:
-    """A zone as the planner saw it: the numbers of a `ThreatZone`.
-
-    Attributes
-    ----------
-    id : str
-    radius : float
-        m.
-    breakpoints : tuple of float
-        s.
-    center, covariance : nested tuples
-        Coefficients, (S, P, 2) and (S, P, 3); the covariance is None where the motion is known.
-    outlines : tuple of OutlineRecord
-        None for a disc.
-    """
+    """A zone as the planner saw it: the numbers of a `ThreatZone`."""
 
     id: str
-    radius: float
-    breakpoints: tuple[float, ...]
-    center: tuple[Any, ...]
+    radius: float  # m
+    breakpoints: tuple[float, ...]  # s
+    center: tuple[Any, ...]  # Coefficients, (S, P, 2) and (S, P, 3); the covariance is None where the motion is known
     covariance_breakpoints: tuple[float, ...] | None
-    covariance: tuple[Any, ...] | None
-    outlines: tuple[OutlineRecord, ...] = ()
+    covariance: tuple[Any, ...] | None  # Coefficients, (S, P, 2) and (S, P, 3)
+    outlines: tuple[OutlineRecord, ...] = ()  # None for a disc
 
     @classmethod
     def of(cls, zone: ThreatZone) -> Self:
@@ -95,51 +74,23 @@ class ZoneRecord:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One cycle: what was seen, what came of it, and how near it was.
+    """One cycle: what was seen, what came of it, and how near it was."""
 
-    Attributes
-    ----------
-    time : float
-        Of the replan, s.
-    position : (x, y)
-        Of the vehicle, m.
-    heading, speed : float
-        rad, m/s.
-    outcome, status : str
-        Of the plan.
-    certified, safe : bool
-        Whether its whole trip is certified; whether that or a stop from it is.
-    reason : str
-    arrival_time : float
-        By the plan, s.
-    iterations : int
-    observations : tuple of Observation
-        That came in since the last cycle.
-    zones : tuple of ZoneRecord
-        As they were when this was planned, with the planner's margin.
-    truth : tuple of (id, (x, y))
-        Where obstacles really were.
-    clearance : float
-        Least distance to a true obstacle up to the next cycle, m; inf without any.
-    wall_time : float
-        That the replan took, s; not part of the record: it is not the same in two runs.
-    """
-
-    time: float
-    position: tuple[float, float]
-    heading: float
-    speed: float
+    time: float  # s
+    position: tuple[float, float]  # m
+    heading: float  # rad, m/s
+    speed: float  # rad, m/s
     outcome: str
     status: str
     certified: bool
     safe: bool
     reason: str
-    arrival_time: float
+    arrival_time: float  # By the plan, s
     iterations: int
     observations: tuple[Observation, ...]
-    zones: tuple[ZoneRecord, ...]
+    zones: tuple[ZoneRecord, ...]  # As they were when this was planned, with the planner's margin
     truth: tuple[tuple[str, tuple[float, float]], ...]
-    clearance: float
+    clearance: float  # Least distance to a true obstacle up to the next cycle, m; inf without any
     wall_time: float = field(default=0.0, compare=False)
 
 

@@ -36,7 +36,7 @@ NOWHERE = 1e-12
 
 @dataclass(frozen=True)
 class _Before:
-    """What a cycle begins with: when and where, what was heard since the last one, and what the zones became."""
+    """State at the start of a cycle: time, place, measurements since the last one, zones."""
 
     time: float
     position: tuple[float, float]
@@ -50,22 +50,7 @@ class _Before:
 
 
 class Drive:
-    """The state of one run.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    seed : int
-    world : World or Script
-    sensors : tuple of Sensor
-    follower : Follower
-    online : OnlineSettings
-        With the period of the loop.
-    history : float
-        s of observations before the start.
-    chosen : SimulationSettings
-        The rest.
-    """
+    """The state of one run."""
 
     def __init__(
         self,
@@ -176,19 +161,7 @@ class Drive:
     # the drive
 
     def run(self, time_limit: float, progress: Callable[[float], None] | None = None) -> Run:
-        """Drive until arrival, or until the time is up.
-
-        Parameters
-        ----------
-        time_limit : float
-            s.
-        progress : callable, optional
-            Called after each cycle with the time driven so far, s.
-
-        Returns
-        -------
-        Run
-        """
+        """Drive until arrival, or until the time is up."""
         start, stage = self.scenario.start.time, self.stage
         records: list[Cycle] = []
         plans: list[OnlinePlan] = []

@@ -1,8 +1,4 @@
-"""Crowds as an environment of Gymnasium, for robots that are driven by something else than this package.
-
-Needs the extra ``gym``; nothing else of the package imports this module. People, times and what counts as contact are
-those of :func:`scp_planner.simulate` in the same episode; only the robot's velocity comes from outside.
-"""
+"""Crowds as an environment of Gymnasium, for robots that are driven by something else than this package."""
 
 from __future__ import annotations
 
@@ -36,28 +32,7 @@ Observation = dict[str, NDArray[Any]]
 
 
 class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """A robot among people: it chooses its velocity every step, and has it at once.
-
-    An action is a velocity (2,) m/s; a faster one is shortened to the robot's top speed. Observed are, with SI units:
-    ``robot``, (7,), its position, velocity, radius, and its goal from there; ``people``, (K, 5), their positions
-    from there, velocities and radii, zeros where one is out of view; and ``seen``, (K,), who is in view. An episode is
-    terminated at the goal and at the first contact, and truncated when its time is up; ``info`` tells ``time`` in s,
-    ``clearance`` in m, the least of the step, and whether it ``arrived``.
-
-    Parameters
-    ----------
-    episode : str
-        ``circle``, ``square`` or ``arena``; see `scp_planner.simulation.crowds`.
-    people : int
-        How many.
-    sees_vehicle : bool
-        Whether they give way to the robot.
-
-    Raises
-    ------
-    ValueError
-        If there is no episode of that name, or nobody in it.
-    """
+    """A robot among people: it chooses its velocity every step, and has it at once."""
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - what Gymnasium calls for
 
@@ -84,20 +59,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002 - Gymnasium calls with it
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin another episode.
-
-        Parameters
-        ----------
-        seed : int, optional
-            Of this episode, and with it of those that follow.
-        options : dict, optional
-            Not used.
-
-        Returns
-        -------
-        tuple of dict, dict
-            What is observed, and the info; see :class:`CrowdEnv`.
-        """
+        """Begin another episode."""
         super().reset(seed=seed)
         number = int(self.np_random.integers(MOST_SEEDS)) if seed is None else seed
         self.episode = self.make(number, self.count, self.sees_vehicle)
@@ -110,18 +72,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observed(), self._info(math.inf)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive for a step.
-
-        Parameters
-        ----------
-        action : (2,) array
-            Velocity, m/s.
-
-        Returns
-        -------
-        tuple
-            What is observed, the reward without a unit, whether the episode is terminated or truncated, and the info.
-        """
+        """Drive for a step."""
         stage, step = self.stage, self.episode.step
         wanted = np.asarray(action, dtype=float)
         size, top = float(np.hypot(*wanted)), self.episode.scenario.vehicle.max_speed

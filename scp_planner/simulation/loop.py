@@ -1,12 +1,4 @@
-"""The closed loop: sensors look, the planner replans, the vehicle drives, the obstacles move.
-
-Everything that is random comes from one seed, and the planner's work is limited by steps and not by the clock, so the
-same call gives the same run, bit by bit. With a ``deadline`` the planner answers in time instead, and runs may differ.
-
-The vehicle follows its plan with a *tracking error*: it drifts off by a random velocity, a new one in each cycle, up to
-a largest distance, and is led back. It follows a new plan from a *reaction time* after the replan on, and the old one
-until then. Both belong into the planner's margin, see `OnlineSettings`.
-"""
+"""The closed loop: sensors look, the planner replans, the vehicle drives, the obstacles move."""
 
 from __future__ import annotations
 

@@ -1,13 +1,4 @@
-"""Optimal reciprocal collision avoidance: how discs that see each other's velocities give way to each other.
-
-J. van den Berg, S. J. Guy, M. Lin and D. Manocha, *Reciprocal n-body collision avoidance*, Robotics Research, Springer
-Tracts in Advanced Robotics 70 (2011). Each body takes, of the velocities that every other one leaves to it, the one
-nearest to what it would like. What another one leaves is a half-plane: velocities with which, if the other does its
-half too, the two keep apart up to a *horizon*.
-
-All bodies are looked at together. The linear programme of a body has two unknowns and few rows, so its best vertex is
-found by looking at all vertices (NUMPY-CALLS): a few array operations instead of a loop over rows for each body.
-"""
+"""Optimal reciprocal collision avoidance: how discs that see each other's velocities give way to each other."""
 
 from __future__ import annotations
 
@@ -20,63 +11,30 @@ import numpy as np
 from scp_planner.arrays import Array, Index, cross
 
 ROUNDING = 1e-9
-"""Of velocities, in multiples of the top speed: rows count as kept up to this."""
+"""Tolerance of velocities, relative to the top speed: rows count as kept up to this."""
 PARALLEL = 1e-12
 """Sine of the angle below which two lines do not meet."""
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """Discs that move.
+    """Discs that move."""
 
-    Attributes
-    ----------
-    position, velocity : (..., 2) arrays
-        m, m/s.
-    radius : (...) array
-        m.
-    """
-
-    position: Array
-    velocity: Array
-    radius: Array
+    position: Array  # (..., 2) m, m/s
+    velocity: Array  # (..., 2) m, m/s
+    radius: Array  # (...) m
 
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Velocities v with ``normal . v >= offset``, for each row.
+    """Velocities v with ``normal . v >= offset``, for each row."""
 
-    Attributes
-    ----------
-    normal : (..., M, 2) array
-        Of unit length.
-    offset : (..., M) array
-        m/s; minus infinity where there is no row.
-    """
-
-    normal: Array
-    offset: Array
+    normal: Array  # (..., M, 2)
+    offset: Array  # (..., M) m/s; minus infinity where there is no row
 
 
 def half_planes(own: Bodies, other: Bodies, horizon: float, step: float, share: float = 0.5) -> HalfPlanes:
-    """What others leave to bodies: the half-planes ORCA of each pair.
-
-    Parameters
-    ----------
-    own, other : Bodies
-        Whose shapes broadcast with each other; a row for each pair.
-    horizon : float
-        s, for which they will keep apart.
-    step : float
-        s, within which they part if they overlap.
-    share : float
-        How much of what is to be avoided the body avoids: half if the other one does the same.
-
-    Returns
-    -------
-    HalfPlanes
-        Of the common shape.
-    """
+    """Half-planes of ORCA for each pair of bodies."""
     place = other.position - own.position
     reach = own.radius + other.radius
     relative = own.velocity - other.velocity
@@ -105,24 +63,7 @@ def half_planes(own: Bodies, other: Bodies, horizon: float, step: float, share: 
 
 
 def nearest_velocities(rows: HalfPlanes, wanted: Array, top_speed: Array) -> Array:
-    """Velocities nearest to those that are wanted, in all half-planes and within the top speed.
-
-    Where there is none, the velocity that is out of the worst half-plane by least.
-
-    Parameters
-    ----------
-    rows : HalfPlanes
-        (N, M).
-    wanted : (N, 2) array
-        m/s.
-    top_speed : (N,) array
-        m/s.
-
-    Returns
-    -------
-    (N, 2) array
-        m/s.
-    """
+    """Velocities nearest to those that are wanted, in all half-planes and within the top speed."""
     # In multiples of the top speed, so that it is 1.
     scale = top_speed[:, None]
     wanted, rows = wanted / scale, _binding(HalfPlanes(rows.normal, rows.offset / scale))
@@ -139,7 +80,7 @@ def nearest_velocities(rows: HalfPlanes, wanted: Array, top_speed: Array) -> Arr
 
 
 def _binding(rows: HalfPlanes) -> HalfPlanes:
-    """Those rows alone that leave out any velocity of the unit disc; as many for each as the body with most has."""
+    """Rows that exclude any velocity of the unit disc; as many for each body as for the one with the most."""
     order = np.argsort(-rows.offset, axis=1, kind="stable")
     many = int((rows.offset > -1.0).sum(axis=1).max(initial=0))
     order = order[:, :many]
@@ -149,7 +90,7 @@ def _binding(rows: HalfPlanes) -> HalfPlanes:
 
 
 def _vertices(rows: HalfPlanes, wanted: Array) -> Array:
-    """Where the nearest velocity can be, (N, C, 2): the wish, its feet on disc and lines, where these meet."""
+    """Candidates of the nearest velocity, (N, C, 2): the wish, its feet on disc and lines, intersections."""
     normal, offset = rows.normal, np.where(np.isfinite(rows.offset), rows.offset, 2.0)
     count, lines = offset.shape
     size = np.hypot(wanted[:, 0], wanted[:, 1])[:, None]
@@ -167,7 +108,7 @@ def _vertices(rows: HalfPlanes, wanted: Array) -> Array:
 
 
 def _meeting(one: Array, first: Array, two: Array, second: Array) -> Array:
-    """Where lines meet, (..., 2); far outside where they do not."""
+    """Intersections of lines, (..., 2); far outside where there are none."""
     sine = cross(one, two)
     parallel = np.abs(sine) < PARALLEL
     sine = np.where(parallel, 1.0, sine)
@@ -177,11 +118,7 @@ def _meeting(one: Array, first: Array, two: Array, second: Array) -> Array:
 
 
 def _least_bad(normal: Array, offset: Array, wanted: Array) -> Array:
-    """The velocity in the unit disc that is out of the worst half-plane by least, (2,); of several the nearest.
-
-    At it, by the conditions of optimality, three rows are equally bad, or two of them and the disc binds, or it is
-    where the disc goes farthest into one.
-    """
+    """The velocity in the unit disc that is out of the worst half-plane by least, (2,); of several the nearest."""
     there = np.isfinite(offset)
     normal, offset = normal[there], offset[there]
     parts = [normal]
@@ -203,7 +140,7 @@ def _least_bad(normal: Array, offset: Array, wanted: Array) -> Array:
 
 
 def _on_disc(normal: Array, offset: Array) -> Array:
-    """Where lines normal . v = offset, (K, 2) and (K,), cross the unit circle, (2 K, 2); far outside if nowhere."""
+    """Intersections of lines normal . v = offset, (K, 2) and (K,), with the unit circle, (2 K, 2)."""
     size = np.hypot(normal[:, 0], normal[:, 1])
     some = size > PARALLEL
     size = np.where(some, size, 1.0)

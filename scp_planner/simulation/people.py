@@ -21,27 +21,11 @@ INSTANT = 1e-9
 
 @dataclass(frozen=True)
 class Manner:
-    """How people give way.
-
-    Attributes
-    ----------
-    step : float
-        From one decision to the next, s; in between velocities are kept.
-    horizon : float
-        For which they look ahead, s.
-    view : float
-        Within which they heed others, centre to centre, m.
-    neighbours : int
-        So many of them at most, the nearest.
-    padding : float
-        By which they take everybody's radius to be larger, m.
-    """
-
-    step: float = 0.25
-    horizon: float = 5.0
-    view: float = 10.0
-    neighbours: int = 10
-    padding: float = 0.01
+    step: float = 0.25  # From one decision to the next, s; in between velocities are kept
+    horizon: float = 5.0  # For which they look ahead, s
+    view: float = 10.0  # Within which they heed others, centre to centre, m
+    neighbours: int = 10  # So many of them at most, the nearest
+    padding: float = 0.01  # By which they take everybody's radius to be larger, m
 
     def __post_init__(self) -> None:
         for name, value, fits, allowed in (
@@ -56,28 +40,7 @@ class Manner:
 
 
 class OrcaPeople:
-    """People who walk to their goals and stay there, by optimal reciprocal collision avoidance.
-
-    A world for :func:`scp_planner.simulate`. Decisions are made together, every ``manner.step``; the first when time
-    first passes.
-
-    Parameters
-    ----------
-    positions, goals : (K, 2) arrays
-        m.
-    speeds : (K,) array or float
-        That they like to walk at, and their highest, m/s.
-    radii : (K,) array or float
-        m.
-    manner : Manner
-    sees_vehicle : bool
-        Whether they give way to the vehicle, as to one that does its half.
-
-    Raises
-    ------
-    ValueError
-        If a number is not allowed.
-    """
+    """People who walk to their goals and stay there, by optimal reciprocal collision avoidance."""
 
     def __init__(
         self,
@@ -129,7 +92,6 @@ class OrcaPeople:
         return np.asarray(towards * (pace / np.where(distance > 0.0, distance, 1.0))[:, None])
 
     def _rows(self, vehicle: VehicleState) -> HalfPlanes:
-        """What is left to each by those it heeds, (K, M) rows."""
         places, velocities, radii = self.positions, self.velocities, self.radii
         if self.sees_vehicle:
             places = np.vstack([places, vehicle.position])
@@ -142,7 +104,7 @@ class OrcaPeople:
         return HalfPlanes(rows.normal, np.where(heeded, rows.offset, -np.inf))
 
     def _heeded(self, places: Array) -> tuple[Mask, Index]:
-        """Whether, and whom of all at (L, 2) m, each heeds: (K, M) both."""
+        """Others that each person heeds, of all at (L, 2) m, and whether: (K, M) both."""
         between = places[None] - self.positions[:, None]
         apart = np.hypot(between[..., 0], between[..., 1])
         np.fill_diagonal(apart, np.inf)
@@ -153,45 +115,16 @@ class OrcaPeople:
 
 @dataclass(frozen=True)
 class Restlessness:
-    """How people choose new goals: about a circle round the origin.
+    """Choice of new goals by people: about a circle round the origin."""
 
-    Attributes
-    ----------
-    circle : float
-        Its radius, m.
-    every : float
-        From one time at which goals change at random to the next, s.
-    chance : float
-        Of a change then.
-    spread : float
-        Side of the square about a point of the circle that a goal is in, as a time at the person's speed, s.
-    """
-
-    circle: float
-    every: float = 5.0
+    circle: float  # Its radius, m
+    every: float = 5.0  # From one time at which goals change at random to the next, s
     chance: float = 0.5
-    spread: float = 1.0
+    spread: float = 1.0  # Side of the square about a point of the circle that a goal is in
 
 
 class RestlessPeople(OrcaPeople):
-    """People who change their goals at random, and take a new one when they have arrived.
-
-    Parameters
-    ----------
-    positions, goals : (K, 2) arrays
-        m.
-    speeds, radii : (K,) arrays or floats
-        m/s, m.
-    manner : Manner
-    sees_vehicle : bool
-    restlessness : Restlessness
-    seed : int
-
-    Raises
-    ------
-    ValueError
-        If a number is not allowed.
-    """
+    """People who change their goals at random, and take a new one when they have arrived."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What happened in a closed loop: every cycle, the whole course of vehicle and obstacles, and the plans."""
+"""Record of a closed loop: every cycle, the course of vehicle and obstacles, and the plans."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PLAN_SAMPLES = 21
 STRANGER = Disc(disc=0.3)
-"""What an obstacle that is not in the scenario looks like, if nothing else is said."""
+"""Shape of an obstacle that is not in the scenario, by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +83,13 @@ class Run:
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How often each outcome came about."""
+        """Number of replans with each outcome."""
         counted = Counter(record.outcome for record in self.records)
         return {str(outcome): counted[str(outcome)] for outcome in Outcome}
 
     @property
     def wall_times(self) -> Array:
-        """What each replan took, (n,) s."""
+        """Wall time of each replan, (n,) s."""
         return np.array([record.wall_time for record in self.records])
 
     def __repr__(self) -> str:

@@ -16,26 +16,13 @@ LEAST_NOISE = 1e-4
 
 @dataclass(frozen=True)
 class Observation:
-    """One position that a sensor saw.
-
-    Attributes
-    ----------
-    obstacle : str
-    time : float
-        When it was seen, s.
-    arrival : float
-        When the planner hears of it, s.
-    position : (x, y)
-        m.
-    deviation : float
-        Standard deviation of each coordinate, m.
-    """
+    """One position that a sensor saw."""
 
     obstacle: str
-    time: float
-    arrival: float
-    position: tuple[float, float]
-    deviation: float
+    time: float  # s
+    arrival: float  # s
+    position: tuple[float, float]  # m
+    deviation: float  # Standard deviation of each coordinate, m
 
 
 @dataclass(frozen=True)
@@ -84,7 +71,7 @@ class Sensor:
         return start + np.arange(first, last + 1) / self.rate
 
     def sees(self, position: Array, heading: float, target: Array) -> bool:
-        """Whether a target is in range and in the field of view.
+        """True if a target is in range and in the field of view.
 
         Parameters
         ----------
@@ -116,7 +103,7 @@ class Sensor:
         rng: np.random.Generator,
         least_noise: float = LEAST_NOISE,
     ) -> list[Observation]:
-        """What it sees at a time, from a position (2,) m and a heading, of obstacles at (2,) m each.
+        """Measurements at a time, from a position (2,) m and a heading, of obstacles at (2,) m each.
 
         The noise is told as ``least_noise``, m, if it is less.
         """

@@ -1,4 +1,4 @@
-"""What a closed loop is made of besides its scenario: how the vehicle follows, what is seen, the planner's settings."""
+"""Setup of a closed loop besides its scenario: following, sensing, the planner's settings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from scp_planner.solvers import QpSolver
 
 @dataclass(frozen=True)
 class Follower:
-    """How the simulated vehicle follows its plan.
+    """Path following of the simulated vehicle.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Follower:
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """What may be chosen of a closed loop, see :func:`scp_planner.simulate`.
+    """Choices of a closed loop besides its scenario, see :func:`scp_planner.simulate`.
 
     Attributes
     ----------
@@ -107,19 +107,7 @@ class SimulationChoices(TypedDict, total=False):
 
 
 def check_choices(noise: float, rate: float, history: float, seed: object) -> None:
-    """Refuse numbers that are not allowed.
-
-    Parameters
-    ----------
-    noise, rate, history : float
-        m, Hz, s.
-    seed : object
-
-    Raises
-    ------
-    ValueError
-        Naming the one that is not allowed.
-    """
+    """Refuse numbers that are not allowed."""
     for name, value, positive in (("noise", noise, False), ("rate", rate, True), ("history", history, False)):
         if not (math.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
             raise ValueError(f"{name}: {value!r} must be finite and {'greater than' if positive else 'at least'} 0")
@@ -128,24 +116,7 @@ def check_choices(noise: float, rate: float, history: float, seed: object) -> No
 
 
 def world_of(scenario: Scenario, world: World | Mapping[str, Any] | None, seed: int) -> World | Script:
-    """The world that is given, or the one that a scenario tells of.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    world : World or mapping, optional
-    seed : int
-        Of what observations leave open.
-
-    Returns
-    -------
-    World or Script
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """The world that is given, or the one that a scenario tells of."""
     if world is None:
         rng = np.random.default_rng([seed, 0])
         return Script({obstacle.id: drawn_course(obstacle, rng) for obstacle in scenario.obstacles})

@@ -22,33 +22,7 @@ MOVING = 0.01
 
 
 class Stage:
-    """A vehicle and what moves round it.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        The vehicle and its start; shapes of the obstacles that it tells of.
-    world : World or Script
-    shapes : mapping of str to Shape
-        Of others.
-    clock : float
-        When the world begins, s.
-
-    Attributes
-    ----------
-    clock : float
-        s.
-    position : (2,) array
-        Of the vehicle, m.
-    heading, speed : float
-        rad, m/s.
-    centers : dict of str to (2,) array
-        Of the obstacles that are there, m.
-    times, positions, headings, speeds : lists
-        What has been written down.
-    courses : dict of str to list of (2,) array
-        The same of obstacles, NaN where one was not there.
-    """
+    """A vehicle and what moves round it."""
 
     def __init__(self, scenario: Scenario, world: World | Script, shapes: Mapping[str, Shape], clock: float) -> None:
         self.scenario, self.world, self.clock = scenario, world, clock

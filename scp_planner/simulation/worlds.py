@@ -1,7 +1,4 @@
-"""What the obstacles of a simulation really do: known functions of time, records, or a crowd that reacts.
-
-A *world* is any object with ``step(dt, vehicle)``: it moves on by dt and returns where everybody is then.
-"""
+"""True motions of simulated obstacles: functions of time, records, or a crowd that reacts."""
 
 from __future__ import annotations
 
@@ -27,24 +24,12 @@ Course = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class VehicleState:
-    """The vehicle, as those around it see it.
+    """The vehicle, as those around it see it."""
 
-    Attributes
-    ----------
-    time : float
-        s.
-    position : (2,) array
-        m.
-    velocity : (2,) array
-        m/s.
-    radius : float
-        m.
-    """
-
-    time: float
-    position: Array
-    velocity: Array
-    radius: float
+    time: float  # s
+    position: Array  # (2,) m
+    velocity: Array  # (2,) m/s
+    radius: float  # m
 
 
 @runtime_checkable
@@ -57,12 +42,7 @@ class World(Protocol):
 
 
 class Script:
-    """Obstacles that do what is written.
-
-    Parameters
-    ----------
-    courses : mapping of str to Course
-    """
+    """Obstacles that do what is written."""
 
     def __init__(self, courses: Mapping[str, Course]) -> None:
         self.courses = dict(courses)
@@ -103,11 +83,7 @@ def track_course(track: Track) -> Course:
 
 
 def drawn_course(obstacle: Obstacle, rng: np.random.Generator) -> Course:
-    """A course that an obstacle may take.
-
-    That of its motion, and of several futures one of them, drawn by their weights. Where there are only observations,
-    it is drawn from the estimate; for a motion with process noise it is the expected one.
-    """
+    """A course that an obstacle may take."""
     if obstacle.motion is not None and not isinstance(obstacle.motion, Futures):
         return motion_course(obstacle.motion)
     if isinstance(obstacle.motion, Futures):
@@ -146,22 +122,9 @@ def track_courses(tracks: Tracks) -> dict[str, Course]:
 
 
 class SocialForces:
-    """People who walk to their goals and give way to each other and to the vehicle.
+    """People who walk to their goals and give way to each other and to the vehicle."""
 
-    Each is drawn towards its goal at its own speed and pushed away by others, the more the closer: the model of
-    D. Helbing and P. Molnar, *Social force model for pedestrian dynamics*, Phys. Rev. E 51 (1995), circular form.
-
-    Parameters
-    ----------
-    positions, goals : (K, 2) arrays
-        m.
-    speeds : (K,) array
-        m/s.
-    radius : float
-        Of a person, m.
-    shyness : float
-        How much the vehicle counts against another person; 0: they do not react to it.
-    """
+    # E 51 (1995), circular form.
 
     relaxation = 0.5  # s
     strength, reach = 2.1, 0.3  # m/s2 at touch; m

@@ -1,9 +1,4 @@
-"""CVXPY: the readable form of the same quadratic program, for any installed solver and for constraints of one's own.
-
-The program is written once for each size, with its numbers as Parameters (disciplined parametrised programming, DPP),
-so that CVXPY compiles it once and then only fills in numbers. Programs have ever other numbers of variables and rows:
-they are padded to size classes, with variables whose best value is 0 and rows that nothing reaches.
-"""
+"""CVXPY: the readable form of the same quadratic program, for any installed solver and for constraints of one's own."""
 
 from __future__ import annotations
 
@@ -171,10 +166,7 @@ def _row_class(rows: int) -> int:
 
 
 class _Form:
-    """The quadratic program of one size, as it reads, in scaled variables y.
-
-    minimise |factor y|^2 / 2 + gradient y, where factor' factor is the Hessian.
-    """
+    """The quadratic program of one size, as it reads, in scaled variables y."""
 
     def __init__(self, size: _Size, extra: ExtraConstraints | None) -> None:
         n, m, k = size.variables, size.rows, size.equalities

@@ -24,12 +24,7 @@ _ITERATIONS = (500, 2)  # at most, and for each variable and row; what takes twi
 
 
 class DaqpSolver:
-    """Adapter of :func:`daqp.solve`, which keeps nothing between calls.
-
-    The first guess of the active constraints is the program's own, else those that hold with equality at x = 0: a step
-    starts there, and in a loop that converges it ends there. With a good guess a program costs a few iterations
-    instead of hundreds; without any, the method starts at the unconstrained minimiser, far outside all bounds.
-    """
+    """Adapter of :func:`daqp.solve`, which keeps nothing between calls."""
 
     name = "daqp"
 

@@ -17,7 +17,7 @@ LONGEST_SOLVE = 10.0  # s of wall time, where no deadline asks for less: a thous
 
 
 class SolverStatus(Enum):
-    """What came of a quadratic program; it failed also where the limit of iterations or of time was reached."""
+    """Outcome of a quadratic program; it failed also where the limit of iterations or of time was reached."""
 
     OPTIMAL = "optimal"
     INFEASIBLE = "infeasible"
@@ -26,7 +26,7 @@ class SolverStatus(Enum):
 
 @dataclass
 class StepOrigin:
-    """What the first k variables x of a program are steps from: they lead to ``start + scale * x``.
+    """Point from which the first k variables x of a program are steps: they lead to ``start + scale * x``.
 
     Attributes
     ----------

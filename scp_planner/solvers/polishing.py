@@ -1,9 +1,4 @@
-"""From an approximate answer to an exact one: take its active constraints, mend them, solve for them, check the result.
-
-Interior-point and splitting methods stop where their residuals are small, which under a weak Hessian can be far from
-the minimiser. But their answers tell nearly all active constraints long before the last digits. A few pivots of a dual
-active-set method put right the others, and one linear system gives the digits. So all solvers give the same step.
-"""
+"""From an approximate answer to an exact one."""
 
 from __future__ import annotations
 
@@ -83,10 +78,7 @@ def violation(program: QuadraticProgram, x: Array) -> float:
 
 
 class _Sides:
-    """Bounds and rows of a program alike: normals x <= bounds, some of them with equality; no copy of the rows is made.
-
-    ``source`` is the place of each among the multipliers, ``sign`` its sign there.
-    """
+    """Bounds and rows of a program alike: normals x <= bounds, some of them with equality."""
 
     def __init__(self, program: QuadraticProgram) -> None:
         size, rows, equalities = len(program.gradient), len(program.bound), program.equalities
@@ -130,7 +122,7 @@ class _Sides:
         return np.where(over > TOLERANCE * (1.0 + np.abs(self.bounds)), over / self.lengths, 0.0)
 
     def pull(self, active: Index, prices: Array) -> Array:
-        """How much each active side pulls instead of pushing, where it is more than rounding, else 0."""
+        """Amount by which each active side pulls instead of pushing, beyond rounding; else 0."""
         wrong = np.where(self.equal[active], 0.0, -prices * self.lengths[active])
         return np.where(wrong > PULL_TOLERANCE * (1.0 + np.abs(prices).max(initial=0.0)), wrong, 0.0)
 
@@ -153,7 +145,7 @@ class _Sides:
         return solved[:size], solved[size:]
 
     def optimal(self, active: Index, x: Array, prices: Array) -> bool:
-        """Whether a minimiser on active sides is the minimiser of the program."""
+        """True if a minimiser on active sides is the minimiser of the program."""
         return not (self.excess(x).any() or self.pull(active, prices).any())
 
     def solution(self, active: Index, x: Array, prices: Array) -> Solution:
@@ -234,7 +226,7 @@ class _Pivots:
         return solved
 
     def _ratios(self, active: Index, prices: Array, entering: int, x: Array) -> tuple[float, int | None, Array, Array]:
-        """How far the price of an entering side can grow, and which side leaves then; rates of prices and of x."""
+        """Largest price of an entering side, the side that leaves then; rates of prices and of x."""
         normal, way = self.sides.normals(np.array([entering]))[0], self.ways(np.array([entering]))[:, 0]
         against = self._on_active(active, self.sides.along(way)[active])
         direction: Array = way - self.ways(active) @ against

@@ -1,9 +1,4 @@
-"""How long solvers take before they first look at their clock, told by the size of a program.
-
-A program that cannot be prepared within its limit of time is refused before that is begun. What counts are products of
-its rows; the rates are those of a common computer, for none is measured: the same program is refused or not, however
-busy the machine is.
-"""
+"""Time that solvers take before they first check the clock, by the size of a program."""
 
 from __future__ import annotations
 
@@ -19,16 +14,7 @@ _PAIR = 15e-9  # s for a pair of numbers in a row: to factorise what they make, 
 
 
 def dense_preparation(program: QuadraticProgram) -> float:
-    """Return how long a dense method needs at least, s: its rows are turned into those of an even Hessian.
-
-    Parameters
-    ----------
-    program : QuadraticProgram
-
-    Returns
-    -------
-    float
-    """
+    """Return how long a dense method needs at least, s: its rows are turned into those of an even Hessian."""
     rows, columns = program.matrix.shape
     if np.count_nonzero(program.hessian) <= columns:
         return 0.0  # on the diagonal alone: nothing but a factor for each column
@@ -36,30 +22,12 @@ def dense_preparation(program: QuadraticProgram) -> float:
 
 
 def whole_preparation(program: SlackedProgram) -> float:
-    """Return how long it takes at least to put down all rows of a program with slacks, s.
-
-    Parameters
-    ----------
-    program : SlackedProgram
-
-    Returns
-    -------
-    float
-    """
+    """Return how long it takes at least to put down all rows of a program with slacks, s."""
     return _WRITTEN * len(program.bound) * len(program.gradient)
 
 
 def sparse_preparation(program: QuadraticProgram) -> float:
-    """Return how long a sparse interior-point method needs at least, s: it factorises a system of all rows.
-
-    Parameters
-    ----------
-    program : QuadraticProgram
-
-    Returns
-    -------
-    float
-    """
+    """Return how long a sparse interior-point method needs at least, s: it factorises a system of all rows."""
     return _PAIR * float((np.count_nonzero(program.matrix, axis=1).astype(float) ** 2).sum())
 
 

@@ -17,21 +17,11 @@ NO_BOUND = 1e20  # bounds beyond this are none: as rows they would hurt the scal
 
 @dataclass(frozen=True)
 class Scaling:
-    """A program in scaled variables and units, and the way between them.
+    """A program in scaled variables and units, and the way between them."""
 
-    Attributes
-    ----------
-    program : QuadraticProgram
-        In y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``. Missing bounds are infinite.
-        Its matrix may be a sparse one.
-    columns : (n,) array
-    rows : (m,) array
-    cost : float
-    """
-
-    program: QuadraticProgram
-    columns: Array
-    rows: Array
+    program: QuadraticProgram  # In y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``
+    columns: Array  # (n,)
+    rows: Array  # (m,)
     cost: float
 
     def scaled(self, solution: Solution) -> Solution:
@@ -68,16 +58,7 @@ def equilibrate(program: QuadraticProgram) -> Scaling:
 
 
 def equilibrate_sparse(program: QuadraticProgram) -> Scaling:
-    """Scale a program as `equilibrate` does; its rows become a sparse matrix, which holds no zeros.
-
-    Parameters
-    ----------
-    program : QuadraticProgram
-
-    Returns
-    -------
-    Scaling
-    """
+    """Scale a program as `equilibrate` does; its rows become a sparse matrix, which holds no zeros."""
     matrix = coo_array(program.matrix)
     columns, rows = _factors(program.hessian, matrix)
     row, column = matrix.coords

@@ -1,7 +1,4 @@
-"""Quadratic programs of which most rows may be violated, each at the price of one of the last variables: its slack.
-
-With a slack for each of many obstacles the whole matrix is nearly empty, and much larger than what is in it.
-"""
+"""Quadratic programs of which most rows may be violated, each at the price of one of the last variables: its slack."""
 
 from __future__ import annotations
 
@@ -16,41 +13,20 @@ from scp_planner.solvers.interface import LONGEST_SOLVE, QuadraticProgram, StepO
 
 @dataclass(frozen=True)
 class SlackedProgram:
-    """A :class:`QuadraticProgram` with a matrix in parts: [[hard, 0], [soft, -1 in the column of its slack]].
+    """A :class:`QuadraticProgram` with a matrix in parts: [[hard, 0], [soft, -1 in the column of its slack]]."""
 
-    Attributes
-    ----------
-    hessian : (n, n) array
-        Positive definite.
-    gradient : (n,) array
-    lower, upper : (n,) arrays
-    hard : (h, s) array
-        Rows of the first s variables.
-    soft : (k, s) array
-        The same of rows that have a slack.
-    slack : (k,) array of int
-        Which variable it is of each, from s on.
-    bound : (h + k,) array
-    equalities : int
-        Number of leading rows that hold with equality.
-    active : (n + h + k,) array of int or None
-    origin : StepOrigin or None
-    time_limit : float
-        As in a :class:`QuadraticProgram`.
-    """
-
-    hessian: Array
-    gradient: Array
-    lower: Array
-    upper: Array
-    hard: Array
-    soft: Array
-    slack: Index
-    bound: Array
-    equalities: int
-    active: NDArray[np.int8] | None = None
+    hessian: Array  # (n, n) Positive definite
+    gradient: Array  # (n,)
+    lower: Array  # (n,)
+    upper: Array  # (n,)
+    hard: Array  # (h, s) Rows of the first s variables
+    soft: Array  # (k, s)
+    slack: Index  # (k,)
+    bound: Array  # (h + k,)
+    equalities: int  # Number of leading rows that hold with equality
+    active: NDArray[np.int8] | None = None  # (n + h + k,)
     origin: StepOrigin | None = None
-    time_limit: float = LONGEST_SOLVE
+    time_limit: float = LONGEST_SOLVE  # As in a :class:`QuadraticProgram`
 
     def of_rows(self, x: Array) -> Array:
         """Return what the rows are at a point, (h + k,)."""

@@ -1,7 +1,4 @@
-"""Programs of very many rows, of which few matter: solved with those that may, until no other is violated.
-
-The answer is that of the whole program: what is best among fewer rows, and violates none of the others, is best of all.
-"""
+"""Programs of very many rows, of which few matter: solved with those that may, until no other is violated."""
 
 from __future__ import annotations
 
@@ -24,19 +21,7 @@ TOLERANCE = 1e-9  # of a row, as solvers keep it
 
 
 def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
-    """Solve a program, with few of its rows where there are very many.
-
-    Parameters
-    ----------
-    program : SlackedProgram
-    solve : callable
-        Of a solver.
-
-    Returns
-    -------
-    Solution
-        With the multipliers of all rows.
-    """
+    """Solve a program, with few of its rows where there are very many."""
     rows, size = len(program.bound), len(program.gradient)
     boxed = np.isfinite(program.lower).all() and np.isfinite(program.upper).all()
     if rows <= MANY * size or rows * size**2 < WORTH or not boxed:

@@ -1,8 +1,4 @@
-"""The published convergence claims, measured: Q_n to Q, and the minimisers of Q_n to those of Q.
-
-What is measured in one repetition is in `scp_planner.studies.field`. Here many of them are done, in parallel and
-with results kept on disk, and the exponents of n are fitted with confidence bands.
-"""
+"""The published convergence claims, measured: Q_n to Q, and the minimisers of Q_n to those of Q."""
 
 from __future__ import annotations
 
@@ -36,7 +32,7 @@ OTHER_WAY = "other_way"
 
 
 class Fit(StrEnum):
-    """What a slope is fitted to."""
+    """Data that a slope is fitted to."""
 
     ALL = "all"
     """All repetitions, from ``fit_from`` on."""
@@ -64,27 +60,7 @@ def run_consistency(
     workers: int = 1,
     progress: bool = False,
 ) -> ConsistencyResult:
-    """Do the study, or what is left of it.
-
-    Parameters
-    ----------
-    settings : ConsistencySettings, optional
-    folder : path, optional
-        Where results are kept as they come, so that an interrupted study goes on; default: nowhere.
-    workers : int
-        Processes. The results do not depend on it.
-    progress : bool
-        Whether a bar on stderr shows how far it is.
-
-    Returns
-    -------
-    ConsistencyResult
-
-    Raises
-    ------
-    StudyError
-        If the folder holds something else.
-    """
+    """Do the study, or what is left of it."""
     settings = settings or ConsistencySettings()
     done: dict[Replication, list[Record]] = {}
     file = None
@@ -142,63 +118,34 @@ def _bar(total: int, done: int, wanted: bool) -> Iterator[Callable[[], None]]:
 
 @dataclass(frozen=True)
 class Mean:
-    """The mean of one metric over the repetitions, with its confidence band.
-
-    Attributes
-    ----------
-    kind, noise, metric
-    size : int
-        n.
-    mean, lower, upper : float
-        In the metric's unit.
-    """
+    """The mean of one metric over the repetitions, with its confidence band."""
 
     kind: str
     noise: float
     metric: str
-    size: int
-    mean: float
-    lower: float
-    upper: float
+    size: int  # n
+    mean: float  # In the metric's unit
+    lower: float  # In the metric's unit
+    upper: float  # In the metric's unit
 
 
 @dataclass(frozen=True)
 class Slope:
-    """The exponent of n that a metric falls with, fitted on log-log axes, with its confidence band.
-
-    Attributes
-    ----------
-    kind, noise, metric
-    fit : str
-        Of what, see :class:`Fit`.
-    from_size : int
-        Least n of the fit.
-    slope, lower, upper : float
-    expected : float
-        By the theory.
-    """
+    """The exponent of n that a metric falls with, fitted on log-log axes, with its confidence band."""
 
     kind: str
     noise: float
     metric: str
     fit: str
-    from_size: int
+    from_size: int  # Least n of the fit
     slope: float
     lower: float
     upper: float
-    expected: float
+    expected: float  # By the theory
 
 
 @dataclass(frozen=True)
 class ConsistencyResult:
-    """What the study measured.
-
-    Attributes
-    ----------
-    settings : ConsistencySettings
-    records : tuple of Record
-    """
-
     settings: ConsistencySettings
     records: tuple[Record, ...]
 
@@ -245,10 +192,7 @@ class ConsistencyResult:
 
     @cached_property
     def slopes(self) -> tuple[Slope, ...]:
-        """Slopes of all metrics, and of those of minimisers all three fits, where there are sizes enough for them.
-
-        That from where all have settled is left out where it is that of all.
-        """
+        """Slopes of all metrics, and of those of minimisers all three fits, where there are sizes enough for them."""
         rows = []
         for kind, noise in self._groups():
             settled = self.settled_from(kind, noise)
@@ -269,10 +213,7 @@ class ConsistencyResult:
         return None if first is None else self._slope(kind, noise, metric, first)
 
     def same_way_slope(self, kind: ZoneKind, noise: float, metric: Metric) -> Slope | None:
-        """Give the slope of the repetitions that are on the same way, from ``fit_from`` on; None if they are too few.
-
-        Jumps between ways are no part of it; but where many jump, those that stay are the ones with small errors.
-        """
+        """Give the slope of the repetitions that are on the same way, from ``fit_from`` on."""
         found = {
             size: (mean, resampled)
             for size, mean, resampled in self._same_way(kind, noise, metric)
@@ -348,7 +289,7 @@ class ConsistencyResult:
         )
 
     def _shares(self) -> list[list[str]]:
-        """How often minimisers are on another way."""
+        """Share of minimisers on another way."""
         heads = ["zones", "noise", *(f"n = {size}" for size in self.settings.sizes)]
         shares = (
             (kind, noise, self.values(kind, noise, OTHER_WAY).mean(axis=1).tolist()) for kind, noise in self._groups()

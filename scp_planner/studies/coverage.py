@@ -1,17 +1,4 @@
-"""How often the true position is where a region says it is, measured by simulation.
-
-For every level, noise covariance known or estimated, order and number of observations: many obstacles that
-move exactly as assumed are observed with normal noise, their motion is estimated, and it is counted how often
-the true centre is in its region - at one moment (``per_time``), at all times from the last observation on,
-for ever (``per_obstacle``), or that for all of several obstacles (``joint``). What the promise says, no more
-and no less.
-
-The motion itself does not matter, the estimate being linear and unbiased, so the truth is standing still at
-0; nor do the covariance of the noise and the time step, but a lopsided one is used. Thousands of runs are
-estimated at once by the estimate's own linear map; a test compares with `estimate_motion`, run by run.
-
-Command: ``scp-planner study coverage``.
-"""
+"""Coverage of confidence regions, measured by simulation."""
 
 from __future__ import annotations
 
@@ -50,37 +37,20 @@ _HEIGHT, _WIDTH, _DPI = 3.4, 3.2, 150
 
 @dataclass(frozen=True)
 class Coverage:
-    """One measured coverage.
-
-    Attributes
-    ----------
-    level : str
-    covariance : str
-        "known" or "estimated".
-    order, observations, obstacles : int
-    lead_time : float, s
-        After the last observation, for ``per_time``; NaN where it is all times.
-    nominal, coverage : float
-        What was promised and what was measured.
-    low, high : float
-        Wilson's 95 % interval of the coverage.
-    runs : int
-    scale : float
-        q of the regions.
-    """
+    """One measured coverage."""
 
     level: str
-    covariance: str
+    covariance: str  # "known" or "estimated"
     order: int
     observations: int
     obstacles: int
-    lead_time: float
+    lead_time: float  # After the last observation, for ``per_time``; NaN where it is all times
     nominal: float
     coverage: float
-    low: float
-    high: float
+    low: float  # Wilson's 95 % interval of the coverage
+    high: float  # Wilson's 95 % interval of the coverage
     runs: int
-    scale: float
+    scale: float  # q of the regions
 
 
 def measure_coverage(
@@ -93,27 +63,7 @@ def measure_coverage(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Coverage]:
-    """Measure the coverage of every level, with the covariance known and estimated.
-
-    Parameters
-    ----------
-    probability : float
-        The nominal level.
-    runs : int
-        Of each case; ``joint`` needs ``obstacles`` times as many estimates.
-    counts : sequence of int
-        Numbers of observations; those too few for an order are left out.
-    orders : sequence of int
-    obstacles : int
-        Of one run, for ``joint``.
-    seed : int
-    progress : callable, optional
-        Called after each case with the number of cases that are done, and of all.
-
-    Returns
-    -------
-    list of Coverage
-    """
+    """Measure the coverage of every level, with the covariance known and estimated."""
     cases = [
         _Case(order, count, known, probability, obstacles)
         for order in orders
@@ -186,21 +136,7 @@ def _measure(case: _Case, runs: int, generator: np.random.Generator) -> Iterator
 
 
 def standardised_errors(pattern: PolynomialEstimate, times: Array, noise: Array, *, known: bool) -> Array:
-    """Estimate from many sets of noise at once; give the coefficients' errors, standardised by the noise covariance.
-
-    Parameters
-    ----------
-    pattern : PolynomialEstimate
-        The estimate of any one set; only its times and its order are used.
-    times : (n,) s
-    noise : (runs, n, 2) m
-    known : bool
-        Whether the true covariance standardises, or each run's estimate.
-
-    Returns
-    -------
-    (runs, p, 2), of powers of the pattern's scaled time
-    """
+    """Estimate from many sets of noise at once; give the coefficients' errors, standardised by the noise covariance."""
     rows = ((times - pattern.center_time) / pattern.time_scale)[:, None] ** np.arange(pattern.order + 1)
     errors = np.linalg.pinv(rows) @ noise
     if known:
@@ -286,18 +222,7 @@ def summary(results: Sequence[Coverage]) -> str:
 
 
 def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None = None) -> Figure:
-    """Draw coverage against the number of observations: a column for each level, a row for each covariance.
-
-    Parameters
-    ----------
-    results : sequence of Coverage
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw coverage against the number of observations: a column for each level, a row for each covariance."""
     from matplotlib.figure import Figure
 
     from scp_planner.plotting.style import COLOURS, GREY, save, style

@@ -1,22 +1,4 @@
-"""A field that a vehicle crosses, its objective Q with true zones, and Q_n with zones from n observations.
-
-A vehicle crosses a field with accelerating obstacles. Each obstacle is observed n times in a fixed window of time, with
-independent errors. Q is the penalised objective (objective.py) with the true zones, Q_n the same objective with zones
-from the observations, of two kinds:
-
-- ``estimate``: the obstacle's shape at its estimated centre, as in Zambom and Seguin (2021);
-- ``region``: with the confidence region of the centre around it, as the planner uses them. Its radius falls like
-  sqrt(q h(t)) ~ n^-1/2, so these zones shrink to the true ones at the same rate, from outside.
-
-The errors of the estimated centres are of order n^-1/2 at each time. Q depends on the zones through clearances, which
-move as far as the centres do, hence sup |Q_n - Q| over a compact set is of order n^-1/2 too; and where Q has a positive
-definite second derivative at its minimiser, the minimisers are as close, while the excess Q(omega_n) - Q(omega) is of
-order 1/n. The study fits these exponents. They are asymptotic: where zones differ so much that another way round is
-the fastest, the minimiser lies in another basin, as far away as that way is. How often this happens is measured too.
-
-The compact set is a box of control points, in D0(v0) with speeds >= 0, of trips that last at most MAX_TRAVEL_TIME. The
-supremum is taken over fixed points of it from a low-discrepancy sequence, some of them drawn in towards the minimiser.
-"""
+"""A field that a vehicle crosses, its objective Q with true zones, and Q_n with zones from n observations."""
 
 from __future__ import annotations
 
@@ -62,7 +44,7 @@ PLANNER = SceneSettings(path_degree=4, path_span=2.5, acceleration_degree=1, acc
 
 @dataclass(frozen=True)
 class Precision:
-    """Where a minimisation ends: relative change of the value, and largest slope."""
+    """Stopping criterion of a minimisation: relative change of the value, and largest slope."""
 
     value: float
     gradient: float
@@ -73,7 +55,7 @@ ROUGH = Precision(1e-6, 1e-4)  # the value to about 1e-4 s
 
 
 class ZoneKind(StrEnum):
-    """What Q_n keeps clear of."""
+    """Kind of zones in Q_n."""
 
     ESTIMATE = "estimate"
     REGION = "region"
@@ -81,16 +63,7 @@ class ZoneKind(StrEnum):
 
 @dataclass(frozen=True)
 class Metric:
-    """A distance that the study measures.
-
-    Attributes
-    ----------
-    name, label : str
-    exponent : float
-        Of n, as the theory has it.
-    of_minimiser : bool
-        Whether it is about minimisers, and not about the objective on the compact set.
-    """
+    """A distance that the study measures."""
 
     name: str
     label: str
@@ -111,40 +84,16 @@ METRICS = (
 
 @dataclass(frozen=True)
 class ConsistencySettings:
-    """What the study does.
-
-    Attributes
-    ----------
-    sizes : tuple of int
-        Numbers n of observations.
-    noises : tuple of float
-        Standard deviations of the errors of observations, m, on each axis.
-    repetitions : int
-        Of each size and noise.
-    window : float
-        Time before the start in which all observations are made, s.
-    points : int
-        Of the compact set, before some are drawn in.
-    width : float
-        Of the hinge for zones, m; that for limits is limit_width, relative.
-    limit_width : float
-    zone_price, limit_price : float
-        Prices of violations, s per m and s per unit of excess.
-    fit_from : int
-        Slopes are fitted from this n on, or later: from where no minimiser lies in another basin.
-    seed : int
-    """
-
-    sizes: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10_000)
-    noises: tuple[float, ...] = (0.01, 0.03, 0.1)
+    sizes: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10_000)  # Numbers n of observations
+    noises: tuple[float, ...] = (0.01, 0.03, 0.1)  # Standard deviations of the errors of observations, m, on each axis
     repetitions: int = 20
-    window: float = 10.0
+    window: float = 10.0  # Time before the start in which all observations are made, s
     points: int = 128
-    width: float = 0.05
+    width: float = 0.05  # relative
     limit_width: float = 0.015
-    zone_price: float = 20.0
-    limit_price: float = 80.0
-    fit_from: int = 30
+    zone_price: float = 20.0  # Prices of violations, s per m and s per unit of excess
+    limit_price: float = 80.0  # Prices of violations, s per m and s per unit of excess
+    fit_from: int = 30  # Slopes are fitted from this n on, or later: from where no minimiser lies in another basin
     seed: int = 0
 
     @classmethod
@@ -154,7 +103,7 @@ class ConsistencySettings:
 
     @property
     def fingerprint(self) -> str:
-        """What results must have in common to be pooled: all but which sizes, noises and how many repetitions."""
+        """Settings that results must share to be pooled: all but sizes, noises and repetitions."""
         keys = ("window", "points", "width", "limit_width", "zone_price", "limit_price", "seed")
         told = json.dumps([*(getattr(self, key) for key in keys), OBSTACLES, asdict(PLANNER)])
         return sha256(told.encode()).hexdigest()[:16]
@@ -171,17 +120,7 @@ class Replication:
 
 @dataclass(frozen=True)
 class Record:
-    """What one repetition measured.
-
-    Attributes
-    ----------
-    task : Replication
-    kind : ZoneKind
-    values : dict of str to float
-        Of METRICS by name; further ``other_way``, 1 if the minimiser lies outside the basin of the true one, from
-        which descent on Q leads there, else 0; ``least_speed`` of the minimiser (m/s); and ``lower_points``, the number
-        of points of the compact set at which Q_n is lower than at the minimiser: 0 unless the minimisation failed.
-    """
+    """Measurements of one repetition."""
 
     task: Replication
     kind: ZoneKind
@@ -216,12 +155,7 @@ def field_scenario() -> Scenario:
 
 
 class Study:
-    """The true objective, its minimisers and the compact set: what all repetitions share.
-
-    Parameters
-    ----------
-    settings : ConsistencySettings
-    """
+    """The true objective, its minimisers and the compact set: what all repetitions share."""
 
     def __init__(self, settings: ConsistencySettings) -> None:
         self.settings = settings
@@ -293,7 +227,7 @@ class Study:
         return np.array(points[: self.settings.points])
 
     def in_domain(self, omega: Array) -> bool:
-        """Whether a trip arrives in time and never reverses."""
+        """True if a trip arrives in time and never reverses."""
         trajectory = self.truth.trajectory(omega)
         return trajectory.travel_time <= MAX_TRAVEL_TIME and bool(trajectory.speed_control_points().min() >= 0.0)
 
@@ -386,7 +320,7 @@ class Study:
         return min(fine, key=objective.value)
 
     def _is_another_way(self, omega: Array) -> bool:
-        """Whether descent of the true objective leads elsewhere than to its minimiser."""
+        """True if descent of the true objective leads elsewhere than to its minimiser."""
         rough = self.minimise(self.truth, omega, ROUGH)
         if np.abs(rough - self.minimiser).max() <= SAME:
             return False
@@ -405,40 +339,18 @@ class Study:
 
 @dataclass(frozen=True)
 class BorderPoint:
-    """The objective near the border of D0(v0): straight trips at a constant acceleration just above the least one.
+    """The objective near the border of D0(v0): straight trips at a constant acceleration just above the least one."""
 
-    Attributes
-    ----------
-    start_speed : float
-        v0, m/s.
-    distance : float
-        Of the acceleration from that of the trip which only just arrives, -v0^2 / 2 L, m/s^2.
-    travel_time : float
-        s.
-    final_speed : float
-        m/s.
-    value : float
-        Q, s; infinite at negative distances.
-    slope : float
-        d tau / d acceleration, s/(m/s^2).
-    """
-
-    start_speed: float
-    distance: float
-    travel_time: float
-    final_speed: float
-    value: float
-    slope: float
+    start_speed: float  # v0, m/s
+    distance: float  # m/s^2
+    travel_time: float  # s
+    final_speed: float  # m/s
+    value: float  # Q, s; infinite at negative distances
+    slope: float  # d tau / d acceleration, s/(m/s^2)
 
 
 def border(start_speeds: Sequence[float] = (1.0, 0.0)) -> list[BorderPoint]:
-    """Approach the border of the domain.
-
-    For v0 > 0 the travel time tends to 2 L / v0 and the vehicle arrives standing: Q is continuous up to the border, but
-    its slope grows like distance^-1/2. For v0 = 0 the travel time itself grows like distance^-1/2: Q tends to infinity,
-    so that its sublevel sets are compact although D0(0) is not closed. In both cases Q has a minimiser on a compact
-    box.
-    """
+    """Approach the border of the domain."""
     rows = []
     scenario = field_scenario()
     for start_speed in start_speeds:

@@ -23,26 +23,13 @@ DPI = 150
 PANEL = (2.7, 2.9)  # inches
 SHOWN = ("sup_difference", "offsets", "motion", "excess")
 FIRST = {"evaluations": 1.0, "seconds": 1e-3}
-"""Where the axes of convergence curves begin."""
+"""First value of the axes of convergence curves."""
 
 LEAST_GAP = 1e-5  # relative; convergence curves end here
 
 
 def plot_consistency(result: ConsistencyResult, path: str | PathLike[str] | None = None) -> Figure:
-    """Draw the means of the study against n on log-log axes, with confidence bands and fitted slopes.
-
-    White dots are means over the repetitions whose minimiser is on the same way as the true one.
-
-    Parameters
-    ----------
-    result : ConsistencyResult
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the means of the study against n on log-log axes, with confidence bands and fitted slopes."""
     from matplotlib.figure import Figure
 
     from scp_planner.studies.field import METRICS, ZoneKind
@@ -87,18 +74,7 @@ def _draw_metric(axes: Axes, result: ConsistencyResult, kind: ZoneKind, metric: 
 
 
 def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None = None) -> Figure:
-    """Draw travel time and its slope near the border of the domain.
-
-    Parameters
-    ----------
-    points : sequence of BorderPoint
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw travel time and its slope near the border of the domain."""
     from matplotlib.figure import Figure
 
     with style():
@@ -122,22 +98,7 @@ def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None 
 
 
 def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = None) -> Figure:
-    """Draw how the methods converge, and what each trial cost and gave.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        At least one.
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Left and middle: median over the trials of how far the merit is above the best one of the same scenario and
-        start, against evaluations and wall time, with the quartiles. Right: travel time above the best certified one
-        of the scenario against wall time; crosses at the top are trials without a certificate.
-    """
+    """Draw how the methods converge, and what each trial cost and gave."""
     from matplotlib.figure import Figure
 
     methods = list(dict.fromkeys(trial.method for trial in trials))

@@ -1,19 +1,4 @@
-"""How often recorded people and vehicles are where a fitted motion model says they will be.
-
-Half of the tracks (every other one) is fitted, the other half tested, and then the other way round. From
-every stretch of positions of a tested track its motion is predicted, and at each lead time it is counted how
-often the recorded position is in the region, and compared how large the region is:
-
-- ``random_walk`` and the other kinds of `scp_planner.scenario.process_model`, fitted;
-- ``quadratic`` and ``linear``: polynomial motions believed exactly, the noise estimated from the residuals,
-  as the published method does;
-- ``quadratic, inflated`` and ``linear, inflated``: discs about the same predictions, just so large that they
-  cover as many of the tested positions as the first fitted model does. They are told the answer; a fitted
-  model should still need less room.
-
-Neighbouring stretches of a track are not independent, so the uncertainty of a coverage is the spread between
-tracks.
-"""
+"""Coverage of a fitted motion model's regions on recorded people and vehicles."""
 
 from __future__ import annotations
 
@@ -47,33 +32,16 @@ _LEAST_DETERMINANT = 1e-24  # m^4, of a noise covariance: below it people stand 
 
 @dataclass(frozen=True)
 class RecordedCoverage:
-    """One measured coverage of recorded positions.
-
-    Attributes
-    ----------
-    data, model : str
-    level : str
-        "per_time", or "per_obstacle": at all lead times up to this one.
-    fold : int
-        Which half was tested: 0, 1, or 2 for both, each with the fit to the other.
-    lead_time : float, s
-    nominal, coverage : float
-    error : float
-        Standard error of the coverage, from the spread between tracks.
-    radius : float, m
-        Of a disc of the regions' mean area.
-    predictions, tracks : int
-        How many were tested.
-    """
+    """One measured coverage of recorded positions."""
 
     data: str
     model: str
-    level: str
+    level: str  # "per_time", or "per_obstacle": at all lead times up to this one
     fold: int
     lead_time: float
     nominal: float
     coverage: float
-    error: float
+    error: float  # Standard error of the coverage, from the spread between tracks
     radius: float
     predictions: int
     tracks: int
@@ -88,25 +56,7 @@ def measure_recorded_coverage(
     lead_times: Sequence[float] = LEAD_TIMES,
     probability: float = 0.95,
 ) -> list[RecordedCoverage]:
-    """Fit motion models to half of the tracks and test them on the other half, both ways.
-
-    Parameters
-    ----------
-    tracks : Tracks
-    data : str
-        Name of the tracks in the results.
-    kinds : sequence of str
-        Of motions with process noise.
-    window : int
-        Positions that a prediction is made from.
-    lead_times : sequence of float, s
-    probability : float
-        The nominal level.
-
-    Returns
-    -------
-    list of RecordedCoverage
-    """
+    """Fit motion models to half of the tracks and test them on the other half, both ways."""
     halves = tracks.halves()
     samples: list[_Sample] = []
     for fold, tested in enumerate(halves):
@@ -139,23 +89,7 @@ def measure_model(
     lead_times: Sequence[float] = (1.0, 2.0, 4.0),
     probability: float = 0.95,
 ) -> list[RecordedCoverage]:
-    """Test a model that has been fitted on the half of the tracks that `Tracks.halves` keeps for it.
-
-    Parameters
-    ----------
-    tracks : Tracks
-        Every other one is tested, from the second on.
-    model : ProcessModel
-    data, name : str
-        Of the tracks and of the model, in the results.
-    lead_times : sequence of float, s
-    probability : float
-        The nominal level.
-
-    Returns
-    -------
-    list of RecordedCoverage
-    """
+    """Test a model that has been fitted on the half of the tracks that `Tracks.halves` keeps for it."""
     window = model.fitted_to.window if model.fitted_to is not None and model.fitted_to.window else WINDOW
     samples = _of_model(1, name, model, tracks.halves()[1], window, lead_times, probability)
     return [_measured(data, probability, 1, [sample]) for sample in samples]
@@ -163,7 +97,7 @@ def measure_model(
 
 @dataclass(frozen=True)
 class _Sample:
-    """Which predictions of one fold were inside, and how large their regions were."""
+    """Predictions of one fold inside their regions, and sizes of these."""
 
     fold: int
     model: str

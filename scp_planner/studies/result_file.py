@@ -13,37 +13,14 @@ from scp_planner.studies.field import Record, Replication, ZoneKind
 
 
 class ResultFile:
-    """Results of repetitions, one line of JSON each.
-
-    Parameters
-    ----------
-    path : Path
-        Made when the first result is added.
-    fingerprint : str
-        Of the settings; lines of other settings are left alone and not used.
-
-    Raises
-    ------
-    OSError
-        If there is something else than a file, see `scp_planner.files.regular_target`.
-    """
+    """Results of repetitions, one line of JSON each."""
 
     def __init__(self, path: Path, fingerprint: str) -> None:
         self.path = regular_target(path)
         self.fingerprint = fingerprint
 
     def load(self) -> dict[Replication, list[Record]]:
-        """Return the results that are there; a last line that was cut short is taken away.
-
-        Returns
-        -------
-        dict of Replication to list of Record
-
-        Raises
-        ------
-        StudyError
-            If the file holds something else.
-        """
+        """Return the results that are there; a last line that was cut short is taken away."""
         if not self.path.exists():
             return {}
         text = self.path.read_bytes()

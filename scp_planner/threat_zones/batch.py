@@ -1,8 +1,4 @@
-"""Many zones at once, in the planning frame: distances, contacts, and bounds on intervals of time.
-
-Zones of concave polygons are several convex parts of one id. Distances to outlines are exact only where a lower bound
-by the disc that covers them does not do.
-"""
+"""Many zones at once, in the planning frame: distances, contacts, and bounds on intervals of time."""
 
 from __future__ import annotations
 
@@ -34,54 +30,20 @@ _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0,
 
 @dataclass(frozen=True, eq=False)
 class ZoneBatch:
-    """All zones of a plan, in the planning frame, for evaluation at many times at once.
-
-    Attributes
-    ----------
-    ids : tuple of str
-        Of the L zones; those of parts of one zone are the same.
-    radius : (L,) array
-        m, with the vehicle's disc and the planner's own margin.
-    centers : PiecewisePolynomials
-        m, of the planning clock.
-    uncertain : (u,) array of int
-        Which zones are uncertain, increasing.
-    covariances : PiecewisePolynomials or None
-        (xx, xy, yy) of their scaled covariances, m^2; None without such zones.
-    shaped : (s,) array of int
-        Which zones have an outline, increasing.
-    outlines : Outlines or None
-        Of these, about their centres; None without such zones.
-    own_directions : PiecewisePolynomials or None
-        Vectors that turning outlines head along, of the planning clock; None: all head along their motion.
-    """
+    """All zones of a plan, in the planning frame, for evaluation at many times at once."""
 
     ids: tuple[str, ...]
-    radius: Array
-    centers: PiecewisePolynomials
-    uncertain: Index
-    covariances: PiecewisePolynomials | None
-    shaped: Index
+    radius: Array  # (L,) m, with the vehicle's disc and the planner's own margin
+    centers: PiecewisePolynomials  # m, of the planning clock
+    uncertain: Index  # (u,)
+    covariances: PiecewisePolynomials | None  # (xx, xy, yy) of their scaled covariances, m^2; None without such zones
+    shaped: Index  # (s,)
     outlines: Outlines | None
     own_directions: PiecewisePolynomials | None = None
 
     @classmethod
     def of(cls, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> ZoneBatch:
-        """Return the batch of zones in world coordinates.
-
-        Parameters
-        ----------
-        zones : sequence of ThreatZone
-            If sorted, discs are taken as the numbers that they are.
-        frame : PlanningFrame
-            The planning frame (coordinates and clock).
-        inflation : float
-            Added to every radius, m: the vehicle's disc and the planner's own margin.
-
-        Returns
-        -------
-        ZoneBatch
-        """
+        """Return the batch of zones in world coordinates."""
         discs = zones.discs if isinstance(zones, SortedZones) else _NO_DISCS
         others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
         numbered = [(k, part) for k in others for part in ConvexPart.all_of(zones[k])]
@@ -132,22 +94,19 @@ class ZoneBatch:
         return None if len(first) == self.size else np.array(found, dtype=np.intp)
 
     def singles(self, place: Index, zone: Index, contacts: ZoneContacts) -> Index:
-        """Which of some contacts with zones, (n,), in places, are not those with a part of which another has the same.
-
-        Parts of one zone that overlap share edges: what is nearest is then the same point of both.
-        """
+        """Contacts, (n,), without those of a part that another one has in common."""
         assert self.whole is not None, "otherwise all are"
         return distinct(np.stack([place, self.whole[zone]]), zone, contacts)
 
     def leaders(self, place: Index, zone: Index, contacts: ZoneContacts, move: float) -> Index:
-        """Which of some contacts, (n,), in places, others of the same zone do not imply for moves up to a length, m."""
+        """Contacts, (n,), that no other one of the same zone implies for moves up to a length, m."""
         if self.whole is None:
             return np.arange(len(zone))
         return leading(place * self.size + self.whole[zone], contacts, move)
 
     @cached_property
     def velocities(self) -> PiecewisePolynomials:
-        """Of the centres, m/s."""
+        """Velocities of the centres, m/s."""
         return self.centers.derivative
 
     @property
@@ -175,7 +134,7 @@ class ZoneBatch:
 
     @cached_property
     def turning(self) -> Mask:
-        """Whether each zone turns with its motion, (L,)."""
+        """True if each zone turns with its motion, (L,)."""
         turning = np.zeros(self.size, dtype=bool)
         if self.outlines is not None:
             turning[self.shaped] = self.outlines.turning
@@ -183,7 +142,7 @@ class ZoneBatch:
 
     @cached_property
     def any_turning(self) -> bool:
-        """Whether any zone turns."""
+        """True if any zone turns."""
         return bool(self.turning.any())
 
     @cached_property
@@ -226,10 +185,7 @@ class ZoneBatch:
         return np.setdiff1d(np.arange(self.size), self.standing)
 
     def rounded(self) -> ZoneBatch:
-        """Return the batch with rounded coefficients and vertices, in m, m/s and so on, to ``DECIMALS`` and finer.
-
-        A scene that has been moved or turned differs in its last bits; so it does not, and is planned to the same trip.
-        """
+        """Return the batch with rounded coefficients and vertices, in m, m/s and so on, to ``DECIMALS`` and finer."""
         covariances, outlines = self.covariances, self.outlines
         if covariances is not None:
             covariances = covariances.rounded(DECIMALS + 3, DECIMALS + 3)
@@ -249,22 +205,7 @@ class ZoneBatch:
         return replace(self, radius=self.radius + extra)
 
     def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
-        """Signed distances of one moving point to all zones.
-
-        Parameters
-        ----------
-        times : (n,) array
-            Seconds on the planning clock.
-        points : (n, 2) array
-            Planning frame, m.
-        exact_below : float
-            Distances above this may be replaced by lower bounds that are still above it, or below their true value, m.
-
-        Returns
-        -------
-        (n, L) array
-            m, negative inside.
-        """
+        """Signed distances of one moving point to all zones."""
         if self.ground is None or not self._ground_pays(points, exact_below):
             return self._distances(times, points, exact_below)
         distance = np.empty((self.size, len(times))).T  # as that of polygons comes
@@ -281,7 +222,7 @@ class ZoneBatch:
 
     @cached_property
     def _on_ground(self) -> Mask:
-        """Whether each zone is one of the others, (L,)."""
+        """True if each zone is one of the others, (L,)."""
         return ~np.isin(np.arange(self.size), self._besides_ground)
 
     @cached_property
@@ -307,7 +248,7 @@ class ZoneBatch:
         return distance
 
     def _distances_of_few(self, times: Array, points: Array, exact_below: float) -> Array:
-        """The same, all at once: what lies in between of many more would leave the processor's cache."""
+        """Distances of one cache-sized chunk."""
         centers = self.centers.grid(times)
         dx = points[:, 0, None] - centers[:, :, 0]
         dy = points[:, 1, None] - centers[:, :, 1]
@@ -349,7 +290,7 @@ class ZoneBatch:
             distance[row, index] = exact - self.radius[index]
 
     def _ground_pays(self, points: Array, exact_below: float) -> bool:
-        """Whether the lines of all edges that stand are looked at faster than the polygons that points are near to."""
+        """True if the lines of all edges that stand are looked at faster than the polygons that points are near to."""
         assert self.ground is not None and self.outlines is not None
         edges = len(self.ground.across)
         if edges <= FEW_EDGES:
@@ -384,25 +325,11 @@ class ZoneBatch:
         return radius
 
     def uncertain_among(self, index: Index) -> Index | slice:
-        """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
+        """Places of uncertain zones among some, (n,): a slice of all if all zones are."""
         return _ALL if len(self.uncertain) == self.size else (self.slot[index] >= 0).nonzero()[0]
 
     def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
-        """Exact contacts of points with chosen zones.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-            Which zone.
-        times : (n,) array
-            Planning clock, s.
-        points : (n, 2) array
-            Planning frame, m.
-
-        Returns
-        -------
-        ZoneContacts
-        """
+        """Exact contacts of points with chosen zones."""
         if self.ground is not None and self.outlines is not None and self._on_ground[index].all():
             standing = self.outlines.contacts(self.outline_slot[index], points - self._places[index])
             return ZoneContacts(standing.distance - self.radius[index], standing.normal, np.zeros(len(index)))

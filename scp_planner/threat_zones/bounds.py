@@ -20,24 +20,13 @@ _NONE: Index = np.zeros(0, dtype=np.intp)
 
 @dataclass(frozen=True)
 class MovingPoint:
-    """A point on intervals of time.
+    """A point on intervals of time."""
 
-    Attributes
-    ----------
-    time, half : (n,) arrays
-        Middles on the planning clock and half widths of the intervals, s.
-    position, velocity : (n, 2) arrays
-        In the middles, planning frame, m and m/s.
-    acceleration : (n,) array
-        Bounds of the size of the second derivative on the intervals, m/s^2; or what else bounds, times half^2 / 2, how
-        far the point is from where it would be with that velocity, and times half how far its velocity is from that.
-    """
-
-    time: Array
-    half: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
+    time: Array  # (n,) Middles on the planning clock and half widths of the intervals, s
+    half: Array  # (n,) Middles on the planning clock and half widths of the intervals, s
+    position: Array  # (n, 2) In the middles, planning frame, m and m/s
+    velocity: Array  # (n, 2) In the middles, planning frame, m and m/s
+    acceleration: Array  # (n,) Bounds of the size of the second derivative on the intervals, m/s^2
 
     def take(self, part: slice | Mask | Index) -> MovingPoint:
         """Return some of the intervals."""
@@ -74,36 +63,12 @@ class _Remainders:
 
 @dataclass(frozen=True)
 class ZoneBounds:
-    """Bounds on whole intervals of time of the distances to zones, and of what these are made of.
+    """Bounds on whole intervals of time of the distances to zones, and of what these are made of."""
 
-    Attributes
-    ----------
-    batch : ZoneBatch
-        The zones.
-    """
-
-    batch: ZoneBatch
+    batch: ZoneBatch  # The zones
 
     def approach(self, first: float, last: float, half: Array, speed: Array) -> Array:
-        """Bound of how much nearer zones come to a moving point within half an interval, crudely.
-
-        The centre moves by |centre'| h at most. With |C(t) - C(m)| <= |C'| h the support sqrt(nu' C nu) grows by
-        sqrt(|C'| h) at most, since sqrt(a + b) <= sqrt(a) + sqrt(b).
-
-        Parameters
-        ----------
-        first, last : float
-            Span of time of which all intervals are parts, s.
-        half : (n,) array
-            Half widths of the intervals, s.
-        speed : (n,) array
-            Bound of the point's speed on them, m/s.
-
-        Returns
-        -------
-        (n, L) array
-            m; inf for zones of which no bound is known so cheaply.
-        """
+        """Bound of how much nearer zones come to a moving point within half an interval, crudely."""
         batch = self.batch
         every = np.arange(batch.size)
         middle = np.full(batch.size, 0.5 * (first + last))
@@ -122,25 +87,7 @@ class ZoneBounds:
         return bound
 
     def crude(self, moving: MovingPoint, go_on: GoOn | None = None) -> Array:
-        """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
-
-        With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
-        distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
-        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline;
-        of polygons that stand the line of an edge is at most as far as they are.
-
-        Parameters
-        ----------
-        moving : MovingPoint
-            On intervals without a breakpoint of a zone.
-        go_on : callable, optional
-            Is called now and then, where there is much to bound, and may raise an error to end it all.
-
-        Returns
-        -------
-        (n, L) array
-            m.
-        """
+        """Lower bounds of the distance of a moving point to all zones on whole intervals of time."""
         batch, count = self.batch, len(moving.time)
         first, last = float((moving.time - moving.half).min()), float((moving.time + moving.half).max())
         remainders = _Remainders(
@@ -160,7 +107,7 @@ class ZoneBounds:
         return bound
 
     def _crude(self, moving: MovingPoint, remainders: _Remainders) -> Array:
-        """The same, with what bounds second derivatives at hand."""
+        """Bounds from those of second derivatives at hand."""
         batch = self.batch
         times, half = moving.time, moving.half[:, None]
         centers, rates = batch.centers.grid_with_rate(times)
@@ -209,21 +156,7 @@ class ZoneBounds:
         return bound
 
     def fine(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:
-        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-            Which zone.
-        interval : (n,) array of int
-            Which interval.
-        moving : MovingPoint
-            On intervals without a breakpoint of a zone.
-
-        Returns
-        -------
-        DistanceBounds
-        """
+        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them."""
         batch = self.batch
         times, half = moving.time[interval], moving.half[interval]
         position, velocity = moving.position[interval], moving.velocity[interval]
@@ -238,7 +171,6 @@ class ZoneBounds:
     def _of_ellipses(
         self, index: Index, times: Array, half: Array, position: Array, velocity: Array, acceleration: Array
     ) -> DistanceBounds:
-        """The same for discs and ellipses."""
         batch = self.batch
         center = batch.centers.taylor(index, times)
         offset, relative = position - center[:, 0], velocity - center[:, 1] if center.shape[1] > 1 else velocity
@@ -262,19 +194,7 @@ class ZoneBounds:
         return DistanceBounds(distance, distance - (slope + 0.5 * bend * half) * half)
 
     def acceleration(self, index: Index, times: Array, half: Array) -> Array:
-        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-        times, half : (n,) arrays
-            Middles and half widths of the intervals, s.
-
-        Returns
-        -------
-        (n,) array
-            m/s^2.
-        """
+        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2."""
         batch = self.batch
         return _magnitude_bound(batch.velocities.derivative, index, times, half)
 
@@ -288,28 +208,7 @@ class ZoneBounds:
         velocity: Array,
         acceleration: Array,
     ) -> Array:
-        """Bound of the second time derivative of nu . (r - centre) - h(nu) on intervals, nu turning with the zone.
-
-        For a zone that turns by the angle phi, with d = r - centre seen from the zone,
-        |d''| <= |r'' - centre''| + 2 |phi'| |r' - centre'| + (phi'^2 + |phi''|) |r - centre|.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-        times, half : (n,) arrays
-            Middles and half widths of the intervals, s.
-        normal : (n, 2) array
-            nu at the middles.
-        points, velocity : (n, 2) arrays
-            r and r' at the middles, m and m/s.
-        acceleration : (n,) array
-            Bound of |r''| on the intervals, m/s^2.
-
-        Returns
-        -------
-        (n,) array
-            m/s^2.
-        """
+        """Bound of the second time derivative of nu ."""
         batch = self.batch
         bound = acceleration + self.acceleration(index, times, half)
         growth = self.growth_second_bound(index, times, half, normal)
@@ -352,10 +251,7 @@ class ZoneBounds:
     def _turning_growth_second_bound(
         self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
     ) -> Array:
-        """As :meth:`growth_second_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
-
-        |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
-        """
+        """As :meth:`growth_second_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu."""
         batch = self.batch
         assert batch.covariances is not None
         rate = batch.covariances.derivative
@@ -369,10 +265,7 @@ class ZoneBounds:
             return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
 
     def growth_second_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
-        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
-
-        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
-        """
+        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2."""
         batch = self.batch
         bound = np.zeros(len(index))
         if batch.covariances is None:
@@ -416,7 +309,7 @@ def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> Ar
 
 
 def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> Mask:
-    """Whether each has a breakpoint between two times, (L,)."""
+    """True if each has a breakpoint between two times, (L,)."""
     inner = polynomials.breakpoints[:, 1:-1]
     broken: Mask = np.any((inner > first) & (inner < last), axis=1)
     return broken
@@ -439,11 +332,7 @@ def _second_bound(sizes: Array, half: Array) -> Array:
 
 
 def _root_bounds(terms: Array, half: Array) -> tuple[Array, Array]:
-    """The derivative of sqrt(s) in the middles of intervals, and upper bounds of the second one on all of them.
-
-    (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative. ``terms`` are Taylor's coefficients of s
-    in the middles, (n, P).
-    """
+    """The derivative of sqrt(s) in the middles of intervals, and upper bounds of the second one on all of them."""
     sizes = np.abs(terms)
     spread = np.zeros(len(half))
     for order in range(terms.shape[1] - 1, 0, -1):

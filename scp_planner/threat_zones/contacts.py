@@ -1,4 +1,4 @@
-"""What points have of zones that they are near: distances, and how these change."""
+"""Distances of points to nearby zones, and their derivatives."""
 
 from __future__ import annotations
 
@@ -15,21 +15,11 @@ MOST_LEADERS = 6  # of one place; what is left then all counts
 
 @dataclass(frozen=True)
 class ZoneContacts:
-    """Signed distances of points to chosen zones, and how they change.
+    """Signed distances of points to chosen zones, and how they change."""
 
-    Attributes
-    ----------
-    distance : (n,) array
-        m, negative inside.
-    normal : (n, 2) array
-        Unit normal nu of the supporting line, from the zone towards the point: the gradient of the distance.
-    rate : (n,) array
-        Time derivative of the distance at a fixed point, m/s: -(nu . centre velocity + growth of the support).
-    """
-
-    distance: Array
-    normal: Array
-    rate: Array
+    distance: Array  # (n,) m, negative inside
+    normal: Array  # (n, 2) Unit normal nu of the supporting line, from the zone towards the point
+    rate: Array  # (n,) Time derivative of the distance at a fixed point, m/s
 
     def take(self, index: Index | slice) -> ZoneContacts:
         """Return some of the contacts."""
@@ -48,20 +38,7 @@ class ZoneContacts:
 
 
 def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
-    """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place.
-
-    Parameters
-    ----------
-    places : (k, n) array of int
-        What tells places from each other.
-    zone : (n,) array of int
-    contacts : ZoneContacts
-
-    Returns
-    -------
-    (m,) array of int
-        In order.
-    """
+    """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place."""
     distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
     keys = np.stack([*places, distance, *normal.T])
     order = np.lexsort((zone, *keys))
@@ -70,23 +47,7 @@ def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
 
 
 def leading(place: Index, contacts: ZoneContacts, move: float) -> Index:
-    """Return which contacts are not implied by others of the same place, in order.
-
-    A point that moves by d comes no nearer than the distance plus normal . d, to first order. So of two contacts that
-    of the greater distance is implied by the other for all moves, up to a length, that cannot make up the difference.
-
-    Parameters
-    ----------
-    place : (n,) array of int
-        Where and when: of one place, contacts are with parts of one thing at one point.
-    contacts : ZoneContacts
-    move : float
-        Most that points move, m.
-
-    Returns
-    -------
-    (m,) array of int
-    """
+    """Return which contacts are not implied by others of the same place, in order."""
     distance, normal = contacts.distance, contacts.normal
     left = np.lexsort((np.round(distance / SAME), place))
     kept = []

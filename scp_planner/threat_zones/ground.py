@@ -16,29 +16,13 @@ FEWEST = 16  # points at once, of however many edges: else it takes longer to as
 
 @dataclass(frozen=True)
 class Ground:
-    """Polygons that stand, by the lines of their edges: the first edges of all, the second ones and so on.
+    """Polygons that stand, by the lines of their edges: the first edges of all, the second ones and so on."""
 
-    Attributes
-    ----------
-    zones : (s,) array of int
-        Which zones they are, those of the most edges first.
-    across : (E, 3) array
-        Outward unit normal n of each edge, and -n . p on its line, m.
-    along : (E, 3) array
-        Unit vector t along each edge, and -t . p in its middle, m.
-    halves : (E, 1) array
-        Half of the length of each edge, m.
-    owner : (E,) array of int
-        Of each edge, its place among the zones.
-    ends : tuple of int
-        Where the edges of each number end: the first zones have them.
-    """
-
-    zones: Index
-    across: Array
-    along: Array
-    halves: Array
-    owner: Index
+    zones: Index  # (s,)
+    across: Array  # (E, 3) Outward unit normal n of each edge, and -n . p on its line, m
+    along: Array  # (E, 3) Unit vector t along each edge, and -t . p in its middle, m
+    halves: Array  # (E, 1) Half of the length of each edge, m
+    owner: Index  # (E,)
     ends: tuple[int, ...]
 
     @classmethod
@@ -73,10 +57,7 @@ class Ground:
         )
 
     def distances(self, points: Array) -> Array:
-        """Return the signed distances of points, (n, 2) m, to each polygon, (n, s) m.
-
-        Inside it is how far they are from the farthest line of an edge, outside how far from the nearest edge.
-        """
+        """Return the signed distances of points, (n, 2) m, to each polygon, (n, s) m."""
         found = np.empty((len(self.zones), len(points)))
         homogeneous = np.vstack([points.T, np.ones(len(points))])
         for some in self._some_points(len(points)):

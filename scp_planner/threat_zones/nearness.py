@@ -1,8 +1,4 @@
-"""Which obstacles can matter: bounds on how near a zone comes, cheap enough for thousands of them.
-
-On an interval of time with middle m and half width h the centre of a zone stays within sum_k |c^(k)(m)| h^k / k! of
-c(m), since its motion is a polynomial there. So far zones are told from near ones by a few looks at each.
-"""
+"""Lower bounds of the distance to a zone, cheap enough for thousands of obstacles."""
 
 from __future__ import annotations
 
@@ -21,38 +17,16 @@ LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that ar
 
 @dataclass(frozen=True)
 class SweptBoxes:
-    """Intervals of time, and where the vehicle is on them.
+    """Intervals of time, and where the vehicle is on them."""
 
-    Attributes
-    ----------
-    middle : (K,) array
-        Middles on the planning clock, s.
-    half : float
-        Half width, s.
-    lower, upper : (K, 2) arrays
-        Corners of boxes that contain the vehicle's reference point, m.
-    """
-
-    middle: Array
-    half: float
-    lower: Array
-    upper: Array
+    middle: Array  # (K,) Middles on the planning clock, s
+    half: float  # Half width, s
+    lower: Array  # (K, 2) Corners of boxes that contain the vehicle's reference point, m
+    upper: Array  # (K, 2) Corners of boxes that contain the vehicle's reference point, m
 
 
 def nearness_of_samples(batch: ZoneBatch, near: float) -> Array:
-    """Return how near to each zone samples of a trip are linearised besides its minima, (L,) m.
-
-    Parameters
-    ----------
-    batch : ZoneBatch
-    near : float
-        For what moves, m.
-
-    Returns
-    -------
-    (L,) array
-        m.
-    """
+    """Return how near to each zone samples of a trip are linearised besides its minima, (L,) m."""
     below = np.full(batch.size, near)
     if batch.ground is not None:
         below[batch.ground.zones] = ABREAST * near
@@ -60,11 +34,7 @@ def nearness_of_samples(batch: ZoneBatch, near: float) -> Array:
 
 
 def least_clearances(batch: ZoneBatch, boxes: SweptBoxes) -> Array:
-    """Lower bounds of the clearance of each zone over all boxes, (L,) m.
-
-    Rigorous for zones whose motion is known and one polynomial; -inf for the others, of which nothing is known so
-    cheaply.
-    """
+    """Lower bounds of the clearance of each zone over all boxes, (L,) m."""
     unknown = batch.slot >= 0
     if batch.centers.coefficients.shape[1] > 1:
         unknown |= np.isfinite(batch.centers.breakpoints[:, 1])

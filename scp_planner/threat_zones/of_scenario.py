@@ -1,15 +1,4 @@
-"""Threat zones: where an obstacle may be, over time, with the level of confidence that was asked for.
-
-A zone at time t is the obstacle's estimated centre + the ellipse {z : z' C(t)^-1 z <= 1} + its shape. C(t) is the
-covariance of the estimate scaled by the quantile of the level (confidence.py), zero for a motion that is known.
-Centres and covariances are piecewise polynomials in time. A shape is a disc, or one convex outline, or several (a
-concave polygon). Rectangles and ellipses without a heading of their own turn with the direction of the velocity; where
-that is estimated they are widened by what it may be off (widening.py).
-
-:class:`ThreatZone` is one zone in world coordinates, to look at. :class:`ZoneBatch` holds all zones of a plan, in the
-planning frame, for evaluation of many at once; inflated by the vehicle's radius its distances are those of the
-vehicle's reference point.
-"""
+"""Threat zones: where an obstacle may be, over time, with the level of confidence that was asked for."""
 
 from __future__ import annotations
 
@@ -79,19 +68,7 @@ def tell_of_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[
 
 
 def taken_for_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[ThreatZone]]) -> Iterator[str]:
-    """Say which shapes are taken for the discs that cover them.
-
-    Parameters
-    ----------
-    obstacles : sequence of Obstacle
-    several : mapping of str to sequence of ThreatZone
-        Of these but discs, by id.
-
-    Yields
-    ------
-    str
-        A line for each.
-    """
+    """Say which shapes are taken for the discs that cover them."""
     for obstacle in obstacles:
         # most are discs, whose zones need not be made for this
         shape = obstacle.shape
@@ -101,22 +78,7 @@ def taken_for_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequenc
 
 
 class ZonesOf(SortedZones):
-    """The zones of a scenario in its natural units, each made when it is asked for.
-
-    Most of a thousand obstacles are far away, and their zones are never asked for: a batch takes discs whose motion is
-    a polynomial as the numbers that they are.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    go_on : callable, optional
-        Is called now and then, where there are many, and may raise an error to end it all.
-
-    Raises
-    ------
-    ScenarioError
-        As in :func:`zones`.
-    """
+    """The zones of a scenario in its natural units, each made when it is asked for."""
 
     def __init__(self, scenario: Scenario, go_on: GoOn | None = None) -> None:
         found, others = _sorted_out(scenario.obstacles)
@@ -140,7 +102,6 @@ class ZonesOf(SortedZones):
 
     @property
     def of_others(self) -> dict[str, list[ThreatZone]]:
-        """Those that are not discs whose motion is a polynomial, by the ids of their obstacles."""
         return by_obstacle(self._made[number] for number in self.others)
 
     def __len__(self) -> int:
@@ -242,43 +203,18 @@ def _zones(
 
 @dataclass(frozen=True)
 class Embodied:
-    """An obstacle whose motion is estimated.
-
-    Attributes
-    ----------
-    id : str
-    shape : Shape
-    body : Body
-        Of the shape.
-    margin : float
-        Extra clearance, m.
-    """
+    """An obstacle whose motion is estimated."""
 
     id: str
     shape: Shape
     body: Body
-    margin: float
+    margin: float  # Extra clearance, m
 
 
 def estimated_zone(
     obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
 ) -> ThreatZone:
-    """Return the zone of an obstacle whose motion is estimated.
-
-    Parameters
-    ----------
-    obstacle : Embodied
-    estimate : MotionEstimate
-    confidence : Confidence
-    estimated : int
-        How many obstacles are not known exactly.
-    start : float
-        From which on the zone holds for `HORIZON`, s.
-
-    Returns
-    -------
-    ThreatZone
-    """
+    """Return the zone of an obstacle whose motion is estimated."""
     from scp_planner.estimation.confidence import region_scale
     from scp_planner.threat_zones.widening import Split, widened, widening_of
 
@@ -306,10 +242,7 @@ def estimated_zone(
 
 @dataclass(frozen=True)
 class Body:
-    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone.
-
-    A disc that covers a shape which turns with its motion has that in ``turning``.
-    """
+    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone."""
 
     radius: float
     outlines: tuple[Outline, ...] = ()
@@ -325,24 +258,7 @@ def given_zones(
     uncertain: int = 1,
     go_on: GoOn | None = None,
 ) -> tuple[ThreatZone, ...]:
-    """Return the zones of an obstacle whose motion is given, with an extra margin in m.
-
-    Parameters
-    ----------
-    name, shape, margin, motion
-        Of the obstacle.
-    confidence : Confidence
-        Of what is predicted with a covariance.
-    uncertain : int
-        How many obstacles are not known exactly.
-    go_on : callable, optional
-        Is called now and then, where there are many futures, and may raise an error to end it all.
-
-    Returns
-    -------
-    tuple of ThreatZone
-        One; of several futures one of each that is not left out, the most probable one first.
-    """
+    """Return the zones of an obstacle whose motion is given, with an extra margin in m."""
     if not is_uncertain(motion):
         futures = motion.futures if isinstance(motion, Futures) else ()
         kept = [one.motion for one in _by_weight(futures) if one.weight > 0.0] or [cast(KnownMotion, motion)]
@@ -453,18 +369,7 @@ def _powers(motion: Motion) -> tuple[float, ...]:
 
 
 def shape_outlines(shape: Shape, heading: float | None) -> tuple[Outline, ...]:
-    """Convex outlines of a shape about its centre; none for a disc.
-
-    Parameters
-    ----------
-    shape : Shape
-    heading : float or None
-        Of the motion, rad; None where it changes: then a shape along it turns.
-
-    Returns
-    -------
-    tuple of Outline
-    """
+    """Convex outlines of a shape about its centre; none for a disc."""
     if isinstance(shape, Disc):
         return ()
     if isinstance(shape, Rectangle):
@@ -488,7 +393,7 @@ def _fixed_heading(centers: PiecewisePolynomials) -> float | None:
 
 
 def is_taken_for_a_disc(shape: Shape, several: Sequence[ThreatZone]) -> bool:
-    """Whether any zone of an obstacle is that of a disc that covers its shape, for want of a heading."""
+    """True if any zone of an obstacle is that of a disc that covers its shape, for want of a heading."""
     return isinstance(shape, Rectangle | Ellipse) and not all(zone.outlines for zone in several)
 
 

@@ -1,9 +1,4 @@
-"""Where straight lines across a guide cut convex zones: what the search for ways round calls blocked.
-
-On the line g + f n a zone with support function h about its centre c blocks the offsets f with
-nu . (g + f n - c) <= h(nu) for every nu. Finitely many nu, the normals of the outline's edges and a fan, give an
-interval that contains the blocked one: for polygons the same but for round corners, which are cut less closely.
-"""
+"""Intersections of convex zones with straight lines across a guide."""
 
 from __future__ import annotations
 
@@ -20,23 +15,7 @@ LEVEL = 1e-9  # of a direction across the guide: less is none
 
 
 def sections(zones: ZoneBatch, index: Index, times: Array, origins: Array, tangents: Array) -> Interval:
-    """Return the offsets that zones block on lines across a guide; empty ones have lower > upper.
-
-    Parameters
-    ----------
-    zones : ZoneBatch
-    index : (n,) array of int
-        Which zone.
-    times : (n,) array
-        Planning clock, s.
-    origins, tangents : (n, 2) arrays
-        Points of the guide, m, and its unit tangents there; the lines run to the left of them.
-
-    Returns
-    -------
-    Interval
-        m.
-    """
+    """Return the offsets that zones block on lines across a guide; empty ones have lower > upper."""
     center = turned_back(zones.centers.at(index, times) - origins, tangents)
     lower, upper = np.full(len(index), -np.inf), np.full(len(index), np.inf)
     known = np.zeros(zones.size, dtype=bool)
@@ -56,7 +35,7 @@ def sections(zones: ZoneBatch, index: Index, times: Array, origins: Array, tange
 
 
 def _polygons(zones: ZoneBatch, index: Index, times: Array, center: Array, tangents: Array) -> Interval:
-    """The same for polygons that are known, their centres (n, 2) given along and across the guide: for all at once."""
+    """Sections of polygons that are known, their centres (n, 2) given along and across the guide."""
     assert zones.outlines is not None
     heading = turned_back(np.broadcast_to([1.0, 0.0], tangents.shape), tangents)
     turning = np.flatnonzero(zones.turning[index])
@@ -85,7 +64,7 @@ def _fan() -> Array:
 
 
 def _offsets(across: Array, room: Array) -> Interval:
-    """What each of the directions leaves of the offsets f: across f <= room; nothing, from inf to -inf, if it is so."""
+    """Interval of offsets f with across f <= room for each direction; from inf to -inf if empty."""
     level = np.abs(across) < LEVEL
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = room / across
@@ -96,7 +75,7 @@ def _offsets(across: Array, room: Array) -> Interval:
 
 
 def _one_zone(zones: ZoneBatch, zone: int, times: Array, center: Array, tangents: Array) -> Interval:
-    """The same for one zone, its centres (n, 2) given along and across the guide."""
+    """Sections of one zone, its centres (n, 2) given along and across the guide."""
     fan = _fan()
     here = np.full(len(times), zone)
     # Headings of the outline, seen from the guide

@@ -15,23 +15,12 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 @dataclass(frozen=True)
 class KnownDiscs:
-    """Discs whose motion is one polynomial, as numbers.
+    """Discs whose motion is one polynomial, as numbers."""
 
-    Attributes
-    ----------
-    index : (k,) array of int
-        Which of all zones they are, increasing.
-    ids : list of str
-    radius : (k,) array
-        m.
-    coefficients : (k, 3, 2) array
-        Of the centres, m: ascending powers of absolute time in s.
-    """
-
-    index: Index
+    index: Index  # (k,)
     ids: list[str]
-    radius: Array
-    coefficients: Array
+    radius: Array  # (k,) m
+    coefficients: Array  # (k, 3, 2)
 
     @property
     def centers(self) -> PiecewisePolynomials:
@@ -41,35 +30,14 @@ class KnownDiscs:
 
 
 class SortedZones(Sequence[ThreatZone]):
-    """Zones of which those that are discs with one polynomial as their motion are there as numbers, too.
-
-    Attributes
-    ----------
-    discs : KnownDiscs
-        Those discs.
-    others : tuple of int
-        Which zones are none of them, increasing.
-    """
+    """Zones of which those that are discs with one polynomial as their motion are there as numbers, too."""
 
     discs: KnownDiscs
     others: tuple[int, ...]
 
 
 def told_of(zones: Sequence[ThreatZone], names: Container[str]) -> tuple[ThreatZone, ...]:
-    """Return what there is to be told of zones: those of some obstacles, and all that are uncertain.
-
-    Parameters
-    ----------
-    zones : sequence of ThreatZone
-        Discs among :class:`SortedZones` that are none of these are not made for this.
-    names : container of str
-        Ids of the obstacles.
-
-    Returns
-    -------
-    tuple of ThreatZone
-        In their order.
-    """
+    """Return what there is to be told of zones: those of some obstacles, and all that are uncertain."""
     if isinstance(zones, SortedZones):
         discs = zones.discs
         named = [number for number, name in zip(discs.index.tolist(), discs.ids, strict=True) if name in names]
@@ -79,16 +47,6 @@ def told_of(zones: Sequence[ThreatZone], names: Container[str]) -> tuple[ThreatZ
 
 
 def known_until(zones: Sequence[ThreatZone]) -> float:
-    """Return the time, s, until which all of some zones hold: those of observed obstacles end.
-
-    Parameters
-    ----------
-    zones : sequence of ThreatZone
-
-    Returns
-    -------
-    float
-        inf if none ends. Discs among :class:`SortedZones` never do, and need not be made for this.
-    """
+    """Return the time, s, until which all of some zones hold: those of observed obstacles end."""
     others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
     return min((zones[k].until for k in others), default=inf)

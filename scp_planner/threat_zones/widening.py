@@ -1,19 +1,4 @@
-"""Rectangles and ellipses whose heading is estimated: at the expected heading, widened by what that may be off.
-
-A shape turned by an angle a about its centre lies in the unturned one + a disc of radius 2 r sin(a / 2), r its reach:
-no point of it moves farther. And whatever the angle, it lies in the unturned one + the ellipse of semi-axes r - l along
-and r - m across, l and m its own half length and width: for a direction (c, s) the support of the three is
-l c + m s + ((r - l)^2 c^2 + (r - m)^2 s^2)^1/2 >= l c + m s + (r - l) c^2 + (r - m) s^2 >= r, as c^2 <= c and s^2 <= s.
-For an ellipse (l^2 c^2 + m^2 s^2)^1/2 >= l c^2 + m s^2 takes the place of l c + m s. So the shape at the expected
-heading, widened by the one as long as that is small and by the other then, holds the true one.
-
-The velocity is v(t) + an error, of which |error| <= b(t) holds at all times with a probability of its own, split off
-that of the position. Then the heading is off by no more than the turn of v(t) since the beginning + asin(b / |v|).
-
-The uncertainty ellipse C of the position and the ellipse E of the widening together lie in an ellipse again:
-(1 + A) C + (1 + 1 / A) E for any A > 0. E and A are linear between leads here, and for 1 / A stands its chord, which is
-never less; so it is a polynomial of time.
-"""
+"""Rectangles and ellipses whose heading is estimated: at the expected heading, widened by what that may be off."""
 
 from __future__ import annotations
 
@@ -32,15 +17,15 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matr
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 
 HEADING_SHARE = 0.1
-"""Of the probability that a zone does not hold its obstacle: that the heading is off by more than it is widened for."""
+"""Share of a zone's error probability that is spent on the heading."""
 WORTH_IT = 0.5
-"""Of the widening that holds for every heading: a heading that is uncertain by more at once says nothing."""
+"""Share of the widening that holds for every heading, above which the heading is ignored."""
 LEADS = 12
 """At which the widening is computed, between a share of the horizon and all of it, besides the beginning."""
 LEAST_RATIO = 1e-3
-"""Of the size of a widening and that of an uncertainty: less is taken for that."""
+"""Least ratio of a widening to an uncertainty."""
 FIRST_LEAD = 1e-3
-"""That share."""
+"""First lead, as a share of the horizon."""
 EARLY = 6
 """The first stretches between leads, in which the heading of a velocity that does a random walk is bounded, each with
 an equal part of the probability; later its position is so uncertain that its heading does not matter."""
@@ -51,19 +36,11 @@ _SHARES = np.concatenate([[0.0], np.geomspace(FIRST_LEAD, 1.0, LEADS)])
 
 @dataclass(frozen=True)
 class Split:
-    """How the probability of one obstacle is split between its position and its heading.
-
-    Attributes
-    ----------
-    level : str
-        Of the position.
-    position, heading : float
-        Probabilities that each holds; of the heading at all times.
-    """
+    """Division of an obstacle's error probability between its position and its heading."""
 
     level: str
-    position: float
-    heading: float
+    position: float  # Probabilities that each holds; of the heading at all times
+    heading: float  # Probabilities that each holds; of the heading at all times
 
     @classmethod
     def of(cls, confidence: Confidence, obstacles: int) -> Split:
@@ -76,43 +53,17 @@ class Split:
 
 @dataclass(frozen=True)
 class Widening:
-    """How far a shape at a fixed heading has to be widened, from a time on.
+    """Widening of a shape at a fixed heading, from a time on."""
 
-    Attributes
-    ----------
-    heading : float
-        rad.
-    leads : (L,) array
-        After that time, s, the first 0.
-    squares : (L, 2) array
-        Of the semi-axes along the heading and across it, m^2; linear between leads, at least what is needed there.
-    """
-
-    heading: float
-    leads: Array
-    squares: Array
+    heading: float  # rad
+    leads: Array  # (L,) After that time, s, the first 0
+    squares: Array  # (L, 2)
 
 
 def widening_of(
     outline: Outline, estimate: MotionEstimate, probability: float, start: float, span: float
 ) -> Widening | None:
-    """Find how far a shape that heads along its motion has to be widened.
-
-    Parameters
-    ----------
-    outline : Outline
-        Of the shape, its x axis the heading.
-    estimate : MotionEstimate
-    probability : float
-        That the heading is nowhere off by more, over the whole span.
-    start, span : float
-        s.
-
-    Returns
-    -------
-    Widening or None
-        None where nothing is known of the heading, or too little for a shape that turns to be better than a disc.
-    """
+    """Find how far a shape that heads along its motion has to be widened."""
     leads = span * _SHARES
     errors = _speed_errors(estimate, probability, start + leads)
     if errors is None:

@@ -58,7 +58,7 @@ class ThreatZone:
 
     @cached_property
     def part_centers(self) -> tuple[PiecewisePolynomials, ...]:
-        """Of the middle of each outline, m."""
+        """Centres of the outlines, m."""
         found = []
         for outline in self.outlines:
             coefficients = self.centers.coefficients.copy()

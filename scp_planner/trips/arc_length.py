@@ -1,15 +1,4 @@
-"""The arc length of a path to within a proven distance: what trips are driven by.
-
-The speed over the station |r'| is the root of a polynomial on each piece of path and guide. On a cell it is replaced
-by the polynomial s that interpolates it at Gauss nodes, whose integral is known in closed form. How far off that is
-follows from what both are: |r'|^2 - s^2 is a polynomial, whose values at as many Chebyshev points as it has
-coefficients determine it, and the sum of its absolute Chebyshev coefficients bounds it on the whole cell. So with
-0 < m <= s there
-
-    | |r'| - s | = | |r'|^2 - s^2 | / (|r'| + s) <= sum |c_k| / m.
-
-Cells on which this is more than a tiny share of m are halved. Nothing here is a matter of samples.
-"""
+"""The arc length of a path to within a proven distance: what trips are driven by."""
 
 from __future__ import annotations
 
@@ -37,27 +26,13 @@ Speeds = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class _Rule:
-    """What a cell is fitted and judged by, its stations taken from -1 to 1.
+    """Nodes and weights that a cell is fitted and judged by, its stations taken from -1 to 1."""
 
-    Attributes
-    ----------
-    nodes : (ORDER,) array
-        Gauss'.
-    to_powers : (ORDER, ORDER) array
-        From values at the nodes, in rows, to coefficients of the polynomial through them.
-    points : (POINTS,) array
-        Chebyshev's.
-    to_values : (ORDER, POINTS) array
-        From coefficients to values there.
-    to_coefficients : (POINTS, POINTS) array
-        From values there to coefficients of Chebyshev polynomials.
-    """
-
-    nodes: Array
-    to_powers: Array
-    points: Array
-    to_values: Array
-    to_coefficients: Array
+    nodes: Array  # (ORDER,) Gauss'
+    to_powers: Array  # (ORDER, ORDER) From values at the nodes, in rows, to coefficients of the polynomial through them
+    points: Array  # (POINTS,) Chebyshev's
+    to_values: Array  # (ORDER, POINTS) From coefficients to values there
+    to_coefficients: Array  # (POINTS, POINTS) From values there to coefficients of Chebyshev polynomials
 
 
 @cache
@@ -72,24 +47,7 @@ def _rule() -> _Rule:
 
 
 class ArcLength:
-    """Arc lengths of a path up to stations, and back.
-
-    Parameters
-    ----------
-    speeds : callable
-        Speeds over the station |r'|, at normalised stations.
-    length : float
-        Of the guide, m.
-    edges : (n + 1,) array
-        Normalised stations from 0 to 1, between which |r'|^2 is one polynomial, of degree 14 at most.
-
-    Attributes
-    ----------
-    until : (m + 1,) array
-        Arc lengths up to the ends of cells, m: of those given, and of what halves them where that is needed.
-    error : float
-        No arc length, at any station, is farther than this from the true one, m; inf where that could not be shown.
-    """
+    """Arc lengths of a path up to stations, and back."""
 
     def __init__(self, speeds: Speeds, length: float, edges: Array) -> None:
         self._speeds = speeds
@@ -175,7 +133,7 @@ class ArcLength:
         return x
 
     def _found_one(self, cell: int, target: float) -> float:
-        """The same of one target, to the same bits, in plain numbers: NUMPY-CALLS."""
+        """Station of one target in plain numbers, with the bits of the batch: NUMPY-CALLS."""
         driven, rates = self._driven[cell, ::-1].tolist(), self._rates[cell, ::-1].tolist()
         low, high, close = -1.0, 1.0, ROUNDING * self.total
         x = 2.0 * target / max(float(self._lengths[cell]), TINY) - 1.0

@@ -1,8 +1,4 @@
-"""Guides: the curves that a path is a normal offset of.
-
-A guide g(s), s in [0, length], is parametrised by its own arc length, so g' = T is a unit tangent,
-n = T turned by +90 degrees the normal, T' = k n and n' = -k T with k the signed curvature.
-"""
+"""Guides: the curves that a path is a normal offset of."""
 
 from __future__ import annotations
 
@@ -38,28 +34,18 @@ _HERMITE = np.array(
 
 @dataclass(frozen=True)
 class GuideFrame:
-    """The moving frame of a guide at n stations.
+    """The moving frame of a guide at n stations."""
 
-    Attributes
-    ----------
-    position, tangent, normal : (n, 2) arrays
-        Point in m; unit tangent; unit normal, to the left of the tangent.
-    curvature : (n,) array
-        Signed curvature k, 1/m, positive to the left.
-    curvature_rate, second_rate : (n,) arrays
-        dk/ds in 1/m^2, and its own derivative in 1/m^3; to the right where it jumps.
-    """
-
-    position: Array
-    tangent: Array
-    normal: Array
-    curvature: Array
-    curvature_rate: Array
-    second_rate: Array
+    position: Array  # (n, 2) Point in m; unit tangent; unit normal, to the left of the tangent
+    tangent: Array  # (n, 2) Point in m; unit tangent; unit normal, to the left of the tangent
+    normal: Array  # (n, 2) Point in m; unit tangent; unit normal, to the left of the tangent
+    curvature: Array  # (n,) Signed curvature k, 1/m, positive to the left
+    curvature_rate: Array  # (n,) dk/ds in 1/m^2, and its own derivative in 1/m^3; to the right where it jumps
+    second_rate: Array  # (n,) dk/ds in 1/m^2, and its own derivative in 1/m^3; to the right where it jumps
 
 
 class Guide(Protocol):
-    """What the trajectory needs to know of a guide."""
+    """Interface of a guide for a trajectory."""
 
     @property
     def length(self) -> float:
@@ -68,7 +54,7 @@ class Guide(Protocol):
 
     @property
     def straight(self) -> bool:
-        """Whether the curvature is zero everywhere."""
+        """True if the curvature is zero everywhere."""
         ...
 
     @property
@@ -78,7 +64,7 @@ class Guide(Protocol):
 
     @property
     def error(self) -> float:
-        """How far positions are at most from the curve that the headings give, m."""
+        """Largest distance of positions from the curve that the headings give, m."""
         ...
 
     def curvature(self, stations: Array) -> Array:
@@ -104,15 +90,9 @@ class Guide(Protocol):
 
 @dataclass(frozen=True)
 class StraightGuide:
-    """The x axis of the planning frame, from the start at 0 to the goal.
+    """The x axis of the planning frame, from the start at 0 to the goal."""
 
-    Attributes
-    ----------
-    length : float
-        m.
-    """
-
-    length: float
+    length: float  # m
 
     straight = True
     pieces = 1
@@ -151,19 +131,7 @@ class StraightGuide:
 
 
 class CurvedGuide:
-    """A curve given by its heading, a cubic spline of its arc length: |g'| = 1, and the curvature is smooth.
-
-    The position is the integral of (cos phi, sin phi), tabulated, and in between the quintic that fits position,
-    tangent and curvature at both ends of a cell. How far that strays follows from bounds of the derivatives of the
-    heading; cells are as short as it takes.
-
-    Parameters
-    ----------
-    length : float
-        m.
-    headings : (n,) array
-        phi in rad at n >= 4 equidistant arc lengths from 0 to ``length``, in the planning frame.
-    """
+    """A curve given by its heading, a cubic spline of its arc length: |g'| = 1, and the curvature is smooth."""
 
     straight = False
 
@@ -190,11 +158,7 @@ class CurvedGuide:
         return len(self.headings) - 1
 
     def _parts(self) -> tuple[int, float]:
-        """How many cells a piece of the heading has, and how far positions are off with them, m.
-
-        The quintic is off by h^6 / (64 6!) |g^(6)|, Gauss' rule of n nodes by h^(2n+1) (n!)^4 / ((2n+1) (2n)!^3) times
-        |g^(2n+1)| a cell. Derivatives of g' = exp(i phi) are at most Bell's polynomials of those of phi.
-        """
+        """Number of cells to a piece of the heading, and the error of positions with them, m."""
         rate = np.maximum(np.abs(self._rate[:, 0]), np.abs(self._rate[:, 0] + self._second * self._width))
         bend = np.abs(self._curvature[:, 0]) + rate * self._width
         bells = complete_bell_polynomials(bend, rate, np.abs(self._second), 2 * QUADRATURE_ORDER)
@@ -289,22 +253,7 @@ class CurvedGuide:
 
 
 def guide_from_dict(data: dict[str, Any]) -> Guide:
-    """Return the guide of a plan file.
-
-    Parameters
-    ----------
-    data : dict
-        What the plan file has under ``path.guide``.
-
-    Returns
-    -------
-    Guide
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If the dictionary does not describe a guide.
-    """
+    """Return the guide of a plan file."""
     kind = data["kind"]
     if kind == "straight":
         length = float(data["length"])

@@ -23,35 +23,19 @@ SAME_STATION = 1e-12  # of the guide's length: ends of cells and of pieces that 
 
 @dataclass(frozen=True)
 class PathPoints:
-    """A path at n stations.
+    """A path at n stations."""
 
-    Attributes
-    ----------
-    span, local : (n,) arrays
-        Where the stations lie in the offset's basis.
-    station, offset, slope : (n,) arrays
-        s in m; f(s) in m; f'(s).
-    stretch : (n,) array
-        p = 1 - k f, the tangential part of r'.
-    position, direction, normal : (n, 2) arrays
-        r in m; r' (not normalised); the guide's normal.
-    speed : (n,) array
-        |r'|.
-    turning : (n, 3) array
-        The guide's curvature and its first two derivatives, 1/m and so on; (1, 3) zeros on a straight one.
-    """
-
-    span: Index
-    local: Array
-    station: Array
-    offset: Array
-    slope: Array
-    stretch: Array
-    position: Array
-    direction: Array
-    normal: Array
-    speed: Array
-    turning: Array
+    span: Index  # (n,)
+    local: Array  # (n,)
+    station: Array  # (n,) s in m; f(s) in m; f'(s)
+    offset: Array  # (n,) s in m; f(s) in m; f'(s)
+    slope: Array  # (n,) s in m; f(s) in m; f'(s)
+    stretch: Array  # (n,) p = 1 - k f, the tangential part of r'
+    position: Array  # (n, 2) r in m; r' (not normalised); the guide's normal
+    direction: Array  # (n, 2) r in m; r' (not normalised); the guide's normal
+    normal: Array  # (n, 2) r in m; r' (not normalised); the guide's normal
+    speed: Array  # (n,) |r'|
+    turning: Array  # (n, 3) The guide's curvature and its first two derivatives, 1/m and so on
 
     def take(self, index: Index | slice) -> PathPoints:
         """Return some of the points."""
@@ -85,22 +69,12 @@ _POINT_FIELDS = tuple(field.name for field in fields(PathPoints))
 
 @dataclass(frozen=True)
 class PathBend:
-    """Curvature of a path at n stations and how it depends on the offset.
+    """Curvature of a path at n stations and how it depends on the offset."""
 
-    ``d curvature = value d f + slope d f' + bend d f''`` at a fixed station.
-
-    Attributes
-    ----------
-    curvature : (n,) array
-        1/m, positive to the left.
-    value, slope, bend : (n,) arrays
-        Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere.
-    """
-
-    curvature: Array
-    value: Array
-    slope: Array
-    bend: Array
+    curvature: Array  # (n,) 1/m, positive to the left
+    value: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
+    slope: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
+    bend: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
 
     def take(self, index: Index | slice | int) -> PathBend:
         """Return some of the points."""
@@ -130,18 +104,7 @@ class BendEnclosure:
 
 
 class Path:
-    """One path of a :class:`TripSpace`: where, without when.
-
-    While trips are looked for, the arc length is taken between the ends of equal cells with the speed over the station
-    |r'| interpolated: it is exact to rounding at their ends, and some 1e-8 of a cell off inside. What is driven, and
-    certified, is :attr:`exact`.
-
-    Parameters
-    ----------
-    space : TripSpace
-    theta : (K1,) array
-        Control points of the offset, m.
-    """
+    """One path of a :class:`TripSpace`: where, without when."""
 
     def __init__(self, space: TripSpace, theta: Array) -> None:
         self.space = space
@@ -252,7 +215,7 @@ class Path:
         return points_from(self.space, parameters, span, x, self.offset_coefficients.T[:, span])
 
     def places(self, parameters: Array) -> Array:
-        """Positions at normalised stations, (n,): (n, 2) m. Nothing else is worked out, for who asks often."""
+        """Positions at normalised stations, (n,): (n, 2) m."""
         span, x = self.space.path.locate(parameters)
         station, offset = parameters * self.space.length, evaluate(self.offset_coefficients, span, x)
         if self.space.frame is None:  # straight guides lie along the x axis
@@ -299,19 +262,7 @@ class Path:
         return self.gradients[0]
 
     def bend_enclosure(self, points: PathPoints, width: Array) -> BendEnclosure:
-        """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path.
-
-        Parameters
-        ----------
-        points : PathPoints
-            Middles of the intervals.
-        width : (n,) array
-            Half widths in m of station; no interval may cross a breakpoint of the offset.
-
-        Returns
-        -------
-        BendEnclosure
-        """
+        """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path."""
         f, q, bend, third = self._offset_ranges(points, width)
         if self.space.frame is None:
             squared = q.squared()

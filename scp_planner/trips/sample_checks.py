@@ -1,4 +1,4 @@
-"""What samples of a trip must be like."""
+"""Rules of a trip's samples."""
 
 from __future__ import annotations
 
@@ -19,22 +19,7 @@ def _place_of(name: str, row: int) -> str:
 
 
 def check_columns(given: dict[str, Array], source: str, place_of: Callable[[str, int], str] = _place_of) -> None:
-    """Refuse columns that are no samples of a trip.
-
-    Parameters
-    ----------
-    given : dict of str to array
-        ``time`` and ``position``, and perhaps ``heading`` and ``speed``.
-    source : str
-        Where they are from, for messages.
-    place_of : callable
-        What messages call a value: of a column's name, and a row from 0 on.
-
-    Raises
-    ------
-    SamplesError
-        Naming every row and column that is not allowed.
-    """
+    """Refuse columns that are no samples of a trip."""
     faults = list(_shape_faults(given)) or list(_value_faults(given, place_of))
     if faults:
         raise SamplesError(source, faults[:MOST_FAULTS])

@@ -25,7 +25,7 @@ NAMES = {
     "heading": ("heading", "heading_rad", "yaw", "yaw_rad", "theta"),
     "speed": ("speed", "speed_m_per_s", "v"),
 }
-"""What columns may be called, in letters of either case; a unit may stand in brackets, too: ``time [s]``."""
+"""Names of columns, in letters of either case; a unit may follow in brackets: ``time [s]``."""
 
 _NEEDED = ("time", "x", "y")
 _UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "speed": "m/s"}
@@ -35,25 +35,7 @@ _DELIMITERS = ",;\t"
 
 
 def read_columns(path: str | PathLike[str]) -> dict[str, Array]:
-    """Read the columns of a file of samples.
-
-    Parameters
-    ----------
-    path : path
-        .csv, .npz or .json.
-
-    Returns
-    -------
-    dict of str to array
-        ``time`` (n,) s, ``position`` (n, 2) m; ``heading`` (n,) rad and ``speed`` (n,) m/s if they are there.
-
-    Raises
-    ------
-    SamplesError
-        Naming the file, and every row and column that is not allowed.
-    OSError
-        If the file cannot be read.
-    """
+    """Read the columns of a file of samples."""
     source, suffix = str(path), Path(path).suffix.lower()
     match suffix:
         case ".csv":
@@ -68,26 +50,7 @@ def read_columns(path: str | PathLike[str]) -> dict[str, Array]:
 
 
 def of_json(source: str, data: Any) -> dict[str, Array]:
-    """Return the columns in a parsed JSON file.
-
-    Parameters
-    ----------
-    source : str
-        The file, for messages.
-    data
-        A dictionary of columns, a list of dictionaries, one a row, or either under the key ``samples``. In place of
-        ``x`` and ``y`` there may be ``position``, pairs of them.
-
-    Returns
-    -------
-    dict of str to array
-        See `read_columns`.
-
-    Raises
-    ------
-    SamplesError
-        Naming every row and column that is not allowed.
-    """
+    """Return the columns in a parsed JSON file."""
     if isinstance(data, dict) and "samples" in data:
         data = data["samples"]
     if isinstance(data, list):
@@ -186,7 +149,7 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
 
 
 def delimiter_of(header: str) -> str:
-    """What stands between the columns of a table: the first mark there is of comma, semicolon and tab."""
+    """Delimiter of a table: the first there is of comma, semicolon and tab."""
     return next((mark for mark in _DELIMITERS if mark in header), ",")
 
 

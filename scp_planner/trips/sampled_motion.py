@@ -1,26 +1,4 @@
-"""What a vehicle does between samples: the convention by which a sampled trip is a motion in continuous time.
-
-Between two samples it moves with one constant acceleration, a vector, in the first half of the time, and with another
-one in the second half. With D the mean velocity between the samples, v and w the velocities at them and h the time,
-
-    a1 = (4 D - 3 v - w) / h,        a2 = (3 w + v - 4 D) / h
-
-are the only ones that lead from one position and velocity to the next.
-
-- The velocity at a sample is its speed in the direction of its heading.
-- What is missing is taken from the velocity in the middle of the parabola through the sample and its two neighbours; at
-  the ends from the parabola's own end, unless the scenario says how fast, or which way, the trip begins or ends. A
-  vehicle that is at the same place at a sample and the one before or after it stands at it.
-
-A motion with constant acceleration between samples is met exactly; one with a constant jerk j is missed by at most
-j h^3 / 324 in position, j h^2 / 24 in velocity and j h / 3 in acceleration, and no limit of the acceleration is broken
-by that: its linear acceleration is replaced by two constants with the same integral and first moment, which lie in its
-range. Where the acceleration jumps by J between two samples, a constant may leave that range by J / 8.
-
-On each half the speed is convex, the acceleration along the path grows, and the velocity turns to one side: so all
-extremes are known in closed form. At rest it moves off in a straight line, with no curvature; a cubic in time would
-begin with an infinite one.
-"""
+"""Convention by which a sampled trip is a motion in continuous time."""
 
 from __future__ import annotations
 
@@ -37,7 +15,7 @@ WITHOUT_DIRECTION = 1e-9  # of the highest speed: slower, a velocity has no dire
 
 @dataclass(frozen=True)
 class EndVelocity:
-    """What is known of the velocity at an end of a trip from elsewhere: m/s and rad, None where nothing is."""
+    """Known velocity at an end of a trip: m/s and rad, None where nothing is known."""
 
     speed: float | None = None
     heading: float | None = None
@@ -49,19 +27,7 @@ NOTHING_KNOWN = EndVelocity()
 def velocities(
     samples: SampledTrajectory, first: EndVelocity = NOTHING_KNOWN, last: EndVelocity = NOTHING_KNOWN
 ) -> Array:
-    """Return the velocities at the samples.
-
-    Parameters
-    ----------
-    samples : SampledTrajectory
-    first, last : EndVelocity
-        Of the first and the last sample, where the samples themselves do not say.
-
-    Returns
-    -------
-    (n, 2) array
-        m/s.
-    """
+    """Return the velocities at the samples."""
     found = _of_parabolas(samples.time, samples.position)
     speed = np.hypot(found[:, 0], found[:, 1])
     chords = np.diff(samples.position, axis=0)
@@ -98,26 +64,14 @@ def _of_parabolas(time: Array, position: Array) -> Array:
 
 @dataclass(frozen=True)
 class SampledMotion:
-    """A motion in m pieces of constant acceleration, in order of time: two between any two samples.
+    """A motion in m pieces of constant acceleration, in order of time: two between any two samples."""
 
-    Attributes
-    ----------
-    begin, end : (m,) arrays
-        Times, s.
-    anchor : (m,) array
-        The end of the piece that is a sample, s.
-    position, velocity : (m, 2) arrays
-        At the anchor, m and m/s.
-    acceleration : (m, 2) array
-        m/s^2.
-    """
-
-    begin: Array
-    end: Array
-    anchor: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
+    begin: Array  # (m,) Times, s
+    end: Array  # (m,) Times, s
+    anchor: Array  # (m,) The end of the piece that is a sample, s
+    position: Array  # (m, 2) At the anchor, m and m/s
+    velocity: Array  # (m, 2) At the anchor, m and m/s
+    acceleration: Array  # (m, 2) m/s^2
 
     @classmethod
     def between(cls, samples: SampledTrajectory, velocity: Array) -> SampledMotion:

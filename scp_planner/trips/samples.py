@@ -52,24 +52,7 @@ class SampledTrajectory:
         *,
         source: str = IN_MEMORY,
     ) -> None:
-        """Take samples.
-
-        Parameters
-        ----------
-        time : (n,) array
-            s.
-        position : (n, 2) array
-            m.
-        heading, speed : (n,) arrays, optional
-            rad and m/s.
-        source : str
-            Where they are from, for messages.
-
-        Raises
-        ------
-        SamplesError
-            Naming every row and column that is not allowed.
-        """
+        """Take samples."""
         columns = {"time": time, "position": position, "heading": heading, "speed": speed}
         given = {name: _numbers(name, column, source) for name, column in columns.items() if column is not None}
         check_columns(given, source)

@@ -21,33 +21,7 @@ MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it 
 
 
 def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
-    """Return a guide along a polyline, its corners rounded.
-
-    Sharp corners are cut by arcs of the radius, as far as their legs have room. Then the curve is averaged over a
-    moving window of arc length, which leaves straight parts where they are. At last it is turned and scaled by the
-    tiny amount that brings its end onto the polyline's.
-
-    Parameters
-    ----------
-    points : (n, 2) array
-        In the planning frame, from the start at the origin to the goal, m.
-    radius : float
-        Wanted radius of rounded corners, m.
-    piece : float
-        Length of a piece of the heading's spline, m. Where paths over the guide are integrated, no knot may lie inside
-        a cell.
-    multiple : int
-        The number of pieces is a multiple of this, and at least four times as much.
-
-    Returns
-    -------
-    Guide
-
-    Raises
-    ------
-    TooLargeError
-        If there are more pieces than a guide may have.
-    """
+    """Return a guide along a polyline, its corners rounded."""
     check_pieces(float(np.hypot(*np.diff(points, axis=0).T).sum()), piece)
     corners, least = _rounded(np.asarray(points, dtype=float), radius)
     legs = np.diff(corners, axis=0)
@@ -71,10 +45,7 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
 
 
 def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
-    """Directions (n + 1, 2) that change at places (n,), averaged over a window about u, (m, 2); all along one line.
-
-    Changes that lie wholly before the window of u are over, those behind it are still to come.
-    """
+    """Directions (n + 1, 2) that change at places (n,), averaged over a window about u, (m, 2); all along one line."""
     changes = np.diff(directions, axis=0)
     if len(u) * len(places) <= MOST_AT_ONCE:
         return directions[0] + _shares(u, places, half) @ changes
@@ -93,7 +64,7 @@ def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
 
 
 def _shares(u: Array, places: Array, half: float) -> Array:
-    """How much of the change at each place has come at each u, (m, n): 0 before the window, and 1 after it."""
+    """Share of the change at each place at each u, (m, n): 0 before the window, and 1 after it."""
     share = u[:, None] - places
     share /= half
     np.clip(share, -1.0, 1.0, out=share)
@@ -111,20 +82,7 @@ def _shares(u: Array, places: Array, half: float) -> Array:
 
 
 def check_pieces(length: float, piece: float) -> None:
-    """Refuse a curve that would need more pieces than a guide may have, before anything is allocated.
-
-    Parameters
-    ----------
-    length : float
-        m.
-    piece : float
-        Length of a piece, m.
-
-    Raises
-    ------
-    TooLargeError
-        Naming both.
-    """
+    """Refuse a curve that would need more pieces than a guide may have, before anything is allocated."""
     if length > MOST_PIECES * piece:
         raise TooLargeError(
             f"guide: a curve of {length:.6g} m in pieces of {piece:.3g} m would have {length / piece:.3g} of them;"
@@ -133,21 +91,7 @@ def check_pieces(length: float, piece: float) -> None:
 
 
 def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
-    """Return a guide along a curve that is known by its headings.
-
-    Parameters
-    ----------
-    headings : (n,) array
-        In the planning frame at equidistant arc lengths from the start to the goal, rad; without jumps by full turns.
-    length : float
-        m.
-    goal : (2,) array
-        Where the guide is to end, m.
-
-    Returns
-    -------
-    CurvedGuide
-    """
+    """Return a guide along a curve that is known by its headings."""
     return _ending_at(goal, length, headings)
 
 

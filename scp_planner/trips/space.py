@@ -28,19 +28,7 @@ ACCELERATION_ENTRIES = 50
 
 
 def check_size(path_spans: int, acceleration_spans: int) -> None:
-    """Refuse splines whose tables would not fit into memory, before anything is allocated.
-
-    The tables are dense: so many cells, nodes and control points grow with the square of the number of spans.
-
-    Parameters
-    ----------
-    path_spans, acceleration_spans : int
-
-    Raises
-    ------
-    TooLargeError
-        Naming what would be needed and what is allowed.
-    """
+    """Refuse splines whose tables would not fit into memory, before anything is allocated."""
     for what, spans, each in (
         ("path", path_spans, PATH_ENTRIES),
         ("acceleration", acceleration_spans, ACCELERATION_ENTRIES),
@@ -56,20 +44,12 @@ def check_size(path_spans: int, acceleration_spans: int) -> None:
 
 @dataclass(frozen=True)
 class TimeTable:
-    """Rows of the acceleration basis and its antiderivatives at fixed normalised times.
+    """Rows of the acceleration basis and its antiderivatives at fixed normalised times."""
 
-    Attributes
-    ----------
-    sigma : (n,) array
-        Normalised times in [0, 1].
-    acceleration, speed, distance : (n, K2) arrays
-        The basis C0, its antiderivative C1 and its second antiderivative C2.
-    """
-
-    sigma: Array
-    acceleration: Array
-    speed: Array
-    distance: Array
+    sigma: Array  # (n,) Normalised times in [0, 1]
+    acceleration: Array  # (n, K2) The basis C0, its antiderivative C1 and its second antiderivative C2
+    speed: Array  # (n, K2) The basis C0, its antiderivative C1 and its second antiderivative C2
+    distance: Array  # (n, K2) The basis C0, its antiderivative C1 and its second antiderivative C2
 
     def take(self, index: Index | slice) -> TimeTable:
         """Return the table of some of the times."""
@@ -88,17 +68,14 @@ class TimeTable:
 
 @lru_cache(maxsize=64)
 def _gauss_cell(order: int) -> tuple[Array, Array]:
-    """Gauss nodes on [0, 1], and the matrix from node values to the coefficients of the antiderivative.
-
-    The coefficients are those of x, x^2, ... x^order of the interpolating polynomial's integral from 0.
-    """
+    """Gauss nodes on [0, 1], and the matrix from node values to the coefficients of the antiderivative."""
     nodes = 0.5 * (gauss_rule(order).nodes + 1.0)
     interpolation = np.linalg.inv(np.vander(nodes, order, increasing=True))
     return nodes, interpolation / np.arange(1, order + 1)[:, None]
 
 
 class _Tables:
-    """What depends on the splines only, not on guide or vehicle: shared between all plans of a process."""
+    """Tables that depend on the splines only: shared between all plans of a process."""
 
     def __init__(
         self, path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]
@@ -162,10 +139,6 @@ class _Tables:
 
 
 def _pairs_of(slopes: Array, degree: int, spans: int) -> tuple[Array, Index]:
-    """Products of the slopes that are not zero in a span, (spans, nodes, pairs), and their places in a (K1, K1) form.
-
-    As many as the square of the degree and one: far fewer than the form has entries where there are many spans.
-    """
     each, size = len(slopes) // spans, slopes.shape[1]
     local = np.stack([slopes[each * k : each * (k + 1), k : k + degree + 1] for k in range(spans)])
     first, among = np.arange(spans)[:, None], np.arange(degree + 1)
@@ -181,10 +154,7 @@ def _side_by_side(*parts: PiecewiseBasis) -> PiecewiseBasis:
 
 
 def _leverage(degree: int, spans: int) -> Array:
-    """Distance between neighbouring Greville abscissae, relative to the inner ones.
-
-    Near the clamped ends control points lie closer together, so that a step of one turns the path more.
-    """
+    """Distance between neighbouring Greville abscissae, relative to the inner ones."""
     knots = np.concatenate([np.zeros(degree), np.arange(spans + 1), np.full(degree, spans)])
     greville = np.array([knots[k + 1 : k + degree + 1].mean() for k in range(spans + degree)])
     gaps = np.diff(greville)
@@ -197,25 +167,7 @@ def _tables(path_degree: int, path_spans: int, acceleration_degree: int, breakpo
 
 
 class TripSpace:
-    """The set of trips with given splines over a given guide: all that stays the same from step to step.
-
-    Parameters
-    ----------
-    guide : Guide
-    start_speed : float
-        v0 in m/s.
-    path_degree, path_spans : int
-        B-spline of the offset, on equal spans of the guide.
-    acceleration_degree : int
-        0 (piecewise constant) to 2.
-    acceleration_breakpoints : tuple of float
-        In normalised time, from 0 to 1.
-
-    Raises
-    ------
-    TooLargeError
-        If their tables would take more memory than is allowed; see :func:`check_size`.
-    """
+    """The set of trips with given splines over a given guide: all that stays the same from step to step."""
 
     def __init__(
         self,
@@ -269,26 +221,7 @@ class TripSpace:
         return self.tables.time_table(sigma)
 
     def travel_time(self, arc_length: float, beta: Array, near: float = 0.0) -> float:
-        """Closed form of the travel time ([ZS] section 2).
-
-        The least positive root of v0 tau + A tau^2 = L in the form that loses no digits,
-        tau = 2 L / (v0 + sqrt(v0^2 + 4 A L)), A = C2(1) beta. If A < 0 there is another one, above 2 L / v0: of trips
-        that wait for long.
-
-        Parameters
-        ----------
-        arc_length : float
-            m.
-        beta : (K2,) array
-            m/s^2.
-        near : float
-            s; of two roots the one that is nearer to this.
-
-        Returns
-        -------
-        float
-            Seconds; inf where the vehicle never arrives.
-        """
+        """Closed form of the travel time ([ZS] section 2)."""
         gain = float(self.tables.final_distance @ beta)
         discriminant = self.start_speed**2 + 4.0 * gain * arc_length
         if discriminant < 0.0:

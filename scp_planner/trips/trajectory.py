@@ -1,16 +1,4 @@
-"""The trip: two splines and one number, and everything that follows from them in closed form.
-
-Path. Over a guide g(s) with unit normal n(s), r(s) = g(s) + f(s) n(s) with the offset f a clamped B-spline with control
-points theta. With p = 1 - k f (k the guide's curvature), r' = p T + f' n.
-
-Motion. The acceleration along the path is a B-spline with control points beta in normalised time
-sigma = t / tau, so with b = tau^2 beta the speed and the distance driven are
-
-    v(sigma) = v0 + C1(sigma) b / tau,        D(sigma) = v0 tau sigma + C2(sigma) b,
-
-C1 and C2 the first and second antiderivatives of the basis: no quadrature. The vehicle arrives when D(1) = L(theta).
-The position at time t is r(s) with S(s; theta) = D, S the arc length of the path up to station s.
-"""
+"""The trip: two splines and one number, and everything that follows from them in closed form."""
 
 from __future__ import annotations
 
@@ -44,27 +32,15 @@ def _horner(coefficients: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class TripPoints:
-    """A trip at n times.
-
-    Attributes
-    ----------
-    time : (n,) array
-        Seconds after the start.
-    distance, speed, acceleration : (n,) arrays
-        D in m, v in m/s and a in m/s^2, along the path.
-    parameter : (n,) array
-        Normalised station s / length.
-    path : PathPoints
-        The path there.
-    """
+    """A trip at n times."""
 
     table: TimeTable
-    time: Array
-    distance: Array
-    speed: Array
-    acceleration: Array
-    parameter: Array
-    path: PathPoints
+    time: Array  # (n,) Seconds after the start
+    distance: Array  # (n,) D in m, v in m/s and a in m/s^2, along the path
+    speed: Array  # (n,) D in m, v in m/s and a in m/s^2, along the path
+    acceleration: Array  # (n,) D in m, v in m/s and a in m/s^2, along the path
+    parameter: Array  # (n,) Normalised station s / length
+    path: PathPoints  # The path there
 
     def take(self, index: Index | slice) -> TripPoints:
         """Return some of the points."""
@@ -102,7 +78,7 @@ class TripPoints:
 
 @dataclass(frozen=True)
 class Arrivals:
-    """When and how fast a vehicle gets somewhere: normalised times (n,) and speeds (n,) in m/s."""
+    """Arrivals of a vehicle at places: normalised times (n,) and speeds (n,) in m/s."""
 
     sigma: Array
     speed: Array
@@ -110,33 +86,16 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class DriveSamples:
-    """A motion along a path at n times.
+    """A motion along a path at n times."""
 
-    Attributes
-    ----------
-    distance, speed, acceleration : (n,) arrays
-        m, m/s and m/s^2.
-    span : (n,) array
-        Where the times lie in the acceleration's basis.
-    """
-
-    distance: Array
-    speed: Array
-    acceleration: Array
-    span: Index
+    distance: Array  # (n,) m, m/s and m/s^2
+    speed: Array  # (n,) m, m/s and m/s^2
+    acceleration: Array  # (n,) m, m/s and m/s^2
+    span: Index  # (n,)
 
 
 class Trajectory:
-    """A path and the motion along it.
-
-    Parameters
-    ----------
-    path : Path
-    beta : (K2,) array
-        Control points of the acceleration, m/s^2.
-    travel_time : float
-        tau in s. Consistent (D(1) = L) when it comes from :meth:`TripSpace.travel_time`.
-    """
+    """A path and the motion along it."""
 
     def __init__(self, path: Path, beta: Array, travel_time: float) -> None:
         self.path = path
@@ -146,22 +105,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, space: TripSpace, theta: Array, beta: Array, near: float = 0.0) -> Self:
-        """Return the trip with these control points, its travel time from the closed form.
-
-        Parameters
-        ----------
-        space : TripSpace
-        theta : (K1,) array
-            Of the offset, m.
-        beta : (K2,) array
-            Of the acceleration, m/s^2.
-        near : float
-            s; of two travel times the one that is nearer to this.
-
-        Returns
-        -------
-        Trajectory
-        """
+        """Return the trip with these control points, its travel time from the closed form."""
         path = Path(space, theta)
         return cls(path, np.asarray(beta, dtype=float), space.travel_time(path.arc_length, beta, near))
 
@@ -185,19 +129,16 @@ class Trajectory:
 
     @property
     def closed_time(self) -> float:
-        """What the closed form gives for the travel time, with the arc length that is driven, s."""
+        """Travel time by the closed form from the arc length that is driven, s."""
         return self.space.travel_time(self.path.driven_length, self.beta, self.travel_time)
 
     @property
     def arrives(self) -> bool:
-        """Whether the trip takes the time of the closed form: a stop on the way takes another."""
+        """True if the trip takes the time of the closed form: a stop on the way takes another."""
         return isclose(self.closed_time, self.travel_time, rel_tol=SAME_TIME)
 
     def settled(self) -> Trajectory:
-        """Return a trip to the end of its path with the travel time of the arc length that is driven.
-
-        While trips are looked for, theirs is that of the interpolated one; see :class:`Path`.
-        """
+        """Return a trip to the end of its path with the travel time of the arc length that is driven."""
         path = self.path
         closed = self.travel_time if path.driven_length == path.arc_length else self.closed_time
         return self if closed == self.travel_time or not np.isfinite(closed) else Trajectory(path, self.beta, closed)
@@ -228,7 +169,7 @@ class Trajectory:
         return self.space.start_speed + evaluate(self._speed, span, x)
 
     def arrivals(self, distance: Array) -> Arrivals:
-        """When, and how fast, the vehicle has driven given distances, (n,) m; one of the times where it stands."""
+        """Normalised times and speeds at driven distances, (n,) m; one of the times where it stands."""
         tau, v0, tables = self.travel_time, self.space.start_speed, self.space.tables
         breaks = tables.breaks
         driven = (v0 * tau) * breaks.sigma + (tau * tau) * (breaks.distance @ self.beta)
@@ -319,21 +260,7 @@ class Trajectory:
 
 
 def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, near: float = 0.0) -> Trajectory:
-    """Return a trip that arrives, driven harder where it would not.
-
-    Parameters
-    ----------
-    space : TripSpace
-    theta, beta : arrays
-    acceleration : float
-        The limit, m/s2.
-    near : float
-        s; of two travel times the one that is nearer to this.
-
-    Returns
-    -------
-    Trajectory
-    """
+    """Return a trip that arrives, driven harder where it would not."""
     trip = Trajectory.of(space, theta, beta, near)
     for _ in range(MOST_STRETCHES):
         if np.isfinite(trip.travel_time):

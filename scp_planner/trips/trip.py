@@ -26,26 +26,13 @@ def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[
 
 @dataclass(frozen=True, eq=False)
 class Trip:
-    """A trip in world coordinates and absolute time. Trips are equal if they are the same to the bit.
-
-    Attributes
-    ----------
-    frame : PlanningFrame
-    trajectory : Trajectory
-        In the planning frame.
-    """
+    """A trip in world coordinates and absolute time."""
 
     frame: PlanningFrame
-    trajectory: Trajectory
+    trajectory: Trajectory  # In the planning frame
 
     def __post_init__(self) -> None:
-        """Refuse a trip that never arrives.
-
-        Raises
-        ------
-        ValueError
-            If the travel time is negative, infinite or not a number.
-        """
+        """Refuse a trip that never arrives."""
         if not 0.0 <= self.trajectory.travel_time < inf:
             raise ValueError(f"trajectory: the trip never arrives; its travel time is {self.trajectory.travel_time} s")
 
@@ -91,7 +78,7 @@ class Trip:
         return Trip(frame, self.trajectory.in_units(units.length, units.time))
 
     def positions_at(self, times: Array) -> Array:
-        """Where the vehicle is at absolute times, (n,) s, clamped to the trip, in its frame: (n, 2) m, nothing else."""
+        """Positions at absolute times, (n,) s, clamped to the trip, in its frame: (n, 2) m."""
         sigma = np.minimum(np.maximum((times - self.frame.time) / self.trajectory.travel_time, 0.0), 1.0)
         path, distance = self.trajectory.path, self.trajectory.distance_at(sigma)
         return path.places(path.exact.parameter_at(distance))

@@ -19,10 +19,7 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 PATH_DEGREES = 3, 5
-"""Of offsets that are certified. Knots are single, so the curvature of the path is continuous from 3 on: its bounds
-on pieces say nothing of a heading that jumps between them (degree 1), or of a curvature that does (2)."""
 DRIVE_DEGREES = 0, 2
-"""Of accelerations that are certified. Those of degree 0 jump, which the limit of the jerk finds."""
 
 
 class KeyReader:
@@ -119,22 +116,7 @@ class KeyReader:
 
 
 def trip_in(reader: KeyReader) -> Trip:
-    """Return the trip of a plan file.
-
-    Parameters
-    ----------
-    reader : KeyReader
-        Of the whole file.
-
-    Returns
-    -------
-    Trip
-
-    Raises
-    ------
-    PlanError
-        Naming the key, if something is not what it has to be.
-    """
+    """Return the trip of a plan file."""
     return Trip(_frame_in(reader), _trajectory_in(reader))
 
 
@@ -202,5 +184,5 @@ def _trajectory_in(reader: KeyReader) -> Trajectory:
 
 
 def _is_number(value: object, largest: float) -> bool:
-    """Whether it is a number of at most a size; whole numbers may have more digits than a float can hold."""
+    """True if it is a number of at most a size; whole numbers may have more digits than a float can hold."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -largest <= value <= largest

@@ -1,15 +1,4 @@
-"""Cars and models of CommonRoad, as its referee looks at them.
-
-Models: PM, a point mass whose acceleration stays in a circle; KS, the kinematic single track, which turns about its
-rear axle, steers no further and no faster than it can, and accelerates less where it drives fast; KST, the same for a
-truck with a trailer.
-
-What the referee asks becomes limits of a `Vehicle`, so that the plan is asked for it. With wheelbase l, steering angle
-d and curvature k = tan(d) / l of the rear axle's path, d' = l k' / (1 + l^2 k^2) is at most l k': a curvature rate of
-d'_max / l is allowed whatever the angle.
-
-Source of the numbers: M. Althoff and G. Wuersching, "CommonRoad: Vehicle Models", 2020, tables of parameters.
-"""
+"""Cars and models of CommonRoad, as its referee looks at them."""
 
 from __future__ import annotations
 
@@ -108,7 +97,6 @@ def body_of(name: str | None, model: VehicleModel) -> Car:
 
 
 def centre_of(car: Car, model: VehicleModel) -> float:
-    """How far the centre of the car is ahead of the reference point of a model, m."""
     return car.rear_axle if model is VehicleModel.KS else 0.0
 
 
@@ -135,11 +123,7 @@ def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict
 
 
 def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str, float]:
-    """Return what curvature a point mass may have, and how fast it may change, where steps are so long that it matters.
-
-    The checker joins states by constant accelerations. Where they change by j h in a step h, its place differs by
-    j h^3 / 12. The one across, v^2 k, changes by v^2 k' and, where the speed changes by a, by 2 v a k.
-    """
+    """Return what curvature a point mass may have, and how fast it may change."""
     speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
     rate, hardest = jerk / speed**2, float(vehicle["max_total_acceleration"])
     if rate >= COARSE * 2.0 * hardest / (step * speed**2):
@@ -149,10 +133,7 @@ def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str,
 
 
 def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str, float]:
-    """Return limits of a car whose inputs constant ones follow better, where the checker joins states by these.
-
-    Where the acceleration changes by j h in a step h, the place differs by j h^3 / 12.
-    """
+    """Return limits of a car whose inputs constant ones follow better, where the checker joins states by these."""
     jerk = part * 12.0 * 2.0 * UNNOTICED / step**3
     if vehicle.max_power is not None and vehicle.max_curvature_rate is not None:
         power = (1.0 - WEAKER * (1.5 - part)) * vehicle.max_power
@@ -162,10 +143,7 @@ def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str
 
 
 def _covered(car: Car, centre: float, count: int) -> dict[str, Any]:
-    """Equal discs that cover the rectangle of a car, seen from its reference point, one of them there.
-
-    Each covers its share of the length. The one at the reference point is one more, unless there is one already.
-    """
+    """Equal discs that cover the rectangle of a car, seen from its reference point, one of them there."""
     share = car.length / count
     offsets = [centre + share * (k - 0.5 * (count - 1)) for k in range(count)]
     # The reference point gets its disc by moving the nearest one of them, if the others then still cover the length.

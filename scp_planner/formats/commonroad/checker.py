@@ -1,14 +1,4 @@
-"""States between which CommonRoad's official checker finds the inputs that join them.
-
-The checker looks for constant inputs by a local search (SLSQP, from none at all) for the state that comes nearest, and
-the search may end where it should not: at once, or above the switching speed, where the acceleration is cut off at a
-limit beyond which the distance is the same for all inputs. What can be driven exactly is called not feasible then. So
-the checker's search is made here for each step. Steering angles that differ by next to nothing lead most searches that
-fail another way. And where inputs change much in a step, no constant ones lead to the next state.
-
-Source: `feasibility_checker.state_transition_feasibility` of commonroad-drivability-checker 2025.4.0; kinematic single
-track of M. Althoff and G. Wuersching, "CommonRoad: Vehicle Models", 2020.
-"""
+"""States between which CommonRoad's official checker finds the inputs that join them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Goals of CommonRoad: what of a goal state becomes what of a scenario's goal.
-
-A place is one or more polygons, which commonroad-io gives in classes of its own, others in other versions; here they
-are polygons of shapely, which comes with it. A goal of time alone has none: the trip is to be on its way then.
-"""
+"""Goals of CommonRoad: what of a goal state becomes what of a scenario's goal."""
 
 from __future__ import annotations
 
@@ -19,26 +15,10 @@ ARC_SIDES = 16  # of a quarter of a disc's outline, inside of it
 
 @dataclass(frozen=True)
 class GoalAim:
-    """What of a planning problem's goal to plan for.
-
-    Attributes
-    ----------
-    state : int
-        Which of the goal's states, 0 the first.
-    timed_way : float
-        Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
-        leads until then.
-    depth : float
-        Where the goal is a place: how far into it from where it is first reached, as a ratio to the way through it.
-    turn : float
-        With which headings the guide may end there, as a ratio to the half range of those that are allowed: the more,
-        the sooner it is there, and the more the path has to turn off it.
-    """
-
     state: int = 0
     timed_way: float = 1.0
     depth: float = 0.0
-    turn: float = 0.9
+    turn: float = 0.9  # With which headings the guide may end there
 
 
 @dataclass(frozen=True)
@@ -141,10 +121,7 @@ def polygons_of(shape: Any) -> list[Any]:
 
 
 def seen_heading(heading: tuple[float, float], near: float) -> tuple[float, float] | None:
-    """Return the headings of a point mass that the official checker takes for ones of a range.
-
-    It takes atan2(v_y, |v|) = atan(sin h) for the heading h of a point mass.
-    """
+    """Return the headings of a point mass that the official checker takes for ones of a range."""
     low, high = (math.tan(max(min(end, 0.25 * math.pi), -0.25 * math.pi)) for end in _about_zero(heading))
     if low >= high:
         return None

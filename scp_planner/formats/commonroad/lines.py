@@ -32,8 +32,6 @@ class SteeredCar:
 
 @dataclass(frozen=True)
 class DrivenLine:
-    """What a car drives."""
-
     places: Array  # of the reference point, (k, 2) m
     headings: Array  # (k,) rad
     middles: Array  # of the car, (k, 2) m
@@ -42,18 +40,13 @@ class DrivenLine:
 
 @dataclass(frozen=True)
 class Arrival:
-    """Where a drive comes into a goal."""
-
     index: int  # of the drive
     place: Any  # shapely polygon of the goal
 
 
 def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> DrivenLine:
-    """Return what a car drives that is steered along a line, (k, 2) m, by pure pursuit.
-
-    Its wheels are always turned so that an arc leads from the reference point to the point of the line that is in
-    sight. Source: R. C. Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992.
-    """
+    """Return what a car drives that is steered along a line, (k, 2) m, by pure pursuit."""
+    # Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992.
     stride = STRIDE * car.length
     target = _continued(line, stride, car.sight)
     last = len(target) - 1 - math.ceil(car.sight / stride)

@@ -24,12 +24,12 @@ def obstacles_of(world: Any, step: float, name: str) -> list[dict[str, Any]]:
 
 
 def _is_somewhere(obstacle: Any) -> bool:
-    """Whether an obstacle without a state of its own stands, or is foretold."""
+    """True if an obstacle without a state of its own stands, or is foretold."""
     return _ground_of(obstacle) is not None or getattr(obstacle, "prediction", None) is not None
 
 
 def _ground_of(obstacle: Any) -> Any:
-    """Where an obstacle without a state stands, such as a building; commonroad-io of 2024 calls that its shape."""
+    # Where an obstacle without a state stands, such as a building; commonroad-io of 2024 calls that its shape.
     return getattr(obstacle, "occupancy", None) or getattr(obstacle, "obstacle_shape", None)
 
 

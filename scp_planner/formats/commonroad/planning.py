@@ -29,14 +29,11 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
 
 TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)
-"""Of the way that a vehicle drives at the speed of its start: where on it goals of time alone are tried, in turn. None
-is sooner than another; to fall back a little is the easiest in traffic."""
 
 DEPTHS = (0.5, 1.0)  # how far into a goal's region, where it is not reached as soon as it may be
 SHARE = 0.5  # of the time that is left, that one trial is given: others may do
 QUICK_RUNS, QUICK_SEARCHES = 2, 4  # settings of a look at an aim that is one of several
 SOFTER = (1.0, 0.8, 0.6, 0.4)
-"""How softly is planned again, in turn, where the official checker would not find the inputs of what is certified."""
 
 SPAN = 0.65  # lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly
 SHORTEST_SPAN = 0.15
@@ -45,13 +42,7 @@ SHORTEST_SPAN = 0.15
 
 @dataclass(frozen=True)
 class CommonRoadPlan:
-    """A plan and what it is a plan of.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    plan : Plan
-    """
+    """A plan and what it is a plan of."""
 
     scenario: Scenario
     plan: Plan
@@ -66,34 +57,7 @@ def plan_commonroad(
     settings: Settings | None = None,
     time_limit: float | None = None,
 ) -> CommonRoadPlan:
-    """Plan a problem of a CommonRoad file for one of the benchmark's models.
-
-    Of several goal states the one that is reached first counts. A region that cannot be reached where the road first
-    comes into it is tried farther in. A goal of time alone is a place on the lane that can be reached in time. Where
-    nothing but what the car touches is wrong with a trip, more discs cover the car.
-
-    Parameters
-    ----------
-    path : path
-        XML file.
-    model, car, problem
-        As in `load_commonroad`.
-    settings : Settings, optional
-        Default: `road_settings`.
-    time_limit : float, optional
-        Wall time in s for all of it, after which the best plan so far is returned.
-
-    Returns
-    -------
-    CommonRoadPlan
-
-    Raises
-    ------
-    ScenarioError, ValueError, ImportError, OSError
-        As `load_commonroad`.
-    TooLargeError
-        If the time is over before all obstacles can be looked at once.
-    """
+    """Plan a problem of a CommonRoad file for one of the benchmark's models."""
     job = _Job(
         read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
     )
@@ -120,8 +84,6 @@ def plan_commonroad(
 
 @dataclass(frozen=True)
 class _Job:
-    """What is to be planned, and the value of `perf_counter` until which."""
-
     file: CommonRoadFile
     model: str
     car: str | None
@@ -135,7 +97,6 @@ class _Job:
 
     @property
     def left(self) -> float:
-        """Of the time, for one trial, s."""
         return SHARE * (self.deadline - perf_counter())
 
     def scenario(self, trial: _Trial) -> Scenario:
@@ -153,7 +114,6 @@ class _Job:
         return CommonRoadPlan(scenario, replace(made, commonroad=self.told(trial)))
 
     def told(self, trial: _Trial) -> dict[str, Any]:
-        """What a plan says of what it was planned for."""
         turn = None if trial.aim.turn == inf else trial.aim.turn
         car = self.car or default_car(VehicleModel(self.model))
         problem = self.file.problem.planning_problem_id
@@ -169,24 +129,7 @@ class _Job:
 
 
 def scenario_planned(path: str | PathLike[str], plan: Plan) -> Scenario:
-    """Read the scenario of a CommonRoad file that a plan was made for.
-
-    Parameters
-    ----------
-    path : path
-        XML file.
-    plan : Plan
-        If it is for no model of CommonRoad, the scenario is that of `load_commonroad`.
-
-    Returns
-    -------
-    Scenario
-
-    Raises
-    ------
-    ScenarioError, ValueError, ImportError, OSError
-        As `load_commonroad`; also if the plan names a model, car, problem or goal state that is not there.
-    """
+    """Read the scenario of a CommonRoad file that a plan was made for."""
     told = dict(plan.commonroad or {})
     if not told:
         return load_commonroad(path)
@@ -224,7 +167,7 @@ def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
 
 
 def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
-    """Whether nothing is wrong with a trip but when it arrives and what it touches, with what sticks out of the car."""
+    """True if nothing is wrong with a trip but when it arrives and what it touches, with what sticks out of the car."""
     if made.plan.certified:
         return False
     out = made.scenario.vehicle.radius - 0.5 * job.body.width
@@ -236,8 +179,6 @@ def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
 
 @dataclass(frozen=True)
 class _Trial:
-    """What is planned for, whether it is only looked at, all is tried, and which limits are closer than the car's."""
-
     aim: GoalAim
     quick: bool
     thorough: bool = False
@@ -246,7 +187,6 @@ class _Trial:
 
 
 def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
-    """What is tried in turn for a goal state, until something is certified."""
     if state.places:
         # What takes longest, and hardly ever finds a trip, comes after all other aims.
         yield _Trial(GoalAim(number), quick=False)

@@ -1,20 +1,4 @@
-"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files.
-
-What becomes what:
-
-- each obstacle's recorded states: a course, ``motion: {time, position, heading}``; one that hardly moves stands where
-  it begins; a prediction by sets: a course of their middles, with a shape that covers each of them;
-- rectangles and discs: the same; other shapes: the convex polygon around them, as they lie at first;
-- the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
-  speeds and times; a goal of time alone is a place so far ahead on the lane;
-- the lanes from start to goal: the guide, along their centre lines;
-- the borders of the road: walls; those of lanes: lines in pictures;
-- for a model of the benchmark's: its car, as the official checker looks at it.
-
-Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
-
-Needs the package commonroad-io (the extra `commonroad`), of 2024 or newer.
-"""
+"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files."""
 
 from __future__ import annotations
 
@@ -54,13 +38,11 @@ SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
 
 MORE_DISCS = (5, 9, 17, 33)
-"""That cover a car of the benchmark: more where it stands so close to something that fewer touch it at the start."""
 
 SLOWEST = 2.0  # m/s of the file, that a goal of time alone is planned with at least
 BLEND = 1.5  # s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal
 BEYOND = 1.5  # times the way to a goal of time alone, that the line goes on for at least
 UNHURRIED = 0.7
-"""Of the speed at the start; a goal that may only be reached later than so is reached where it goes on that long."""
 
 REAR_WIDTH = 1.3  # widths of the vehicle: of the room behind it at the start for the discs that cover it
 NEARLY = 0.1
@@ -114,15 +96,12 @@ class CommonRoadFile:
 
 @dataclass(frozen=True)
 class _Vehicle:
-    """What is planned with: fields of the vehicle, its length and width in m, and how far ahead its middle is, m."""
-
     fields: Mapping[str, Any] | Vehicle
     width: float
     length: float
     centre: float
 
     def steering(self, speed: float) -> lines.SteeredCar:
-        """How it is steered along a line from a speed on, m/s."""
         given = self.fields.max_curvature if isinstance(self.fields, Vehicle) else self.fields.get("max_curvature")
         bend = given if given is not None and math.isfinite(given) else 1.0 / self.length
         sight = max(lines.SIGHT * self.length, lines.SIGHT_TIME * speed)
@@ -367,7 +346,6 @@ class _Reader:
     def _arrival(
         self, drive: lines.DrivenLine, headings: tuple[float, float] | None, vehicle: _Vehicle
     ) -> lines.Arrival:
-        """Where on a drive the goal is: not before the vehicle can be there, if it drives a little slower than now."""
         if self.goal.places:
             turned = lines.turned_too_far(drive.headings, headings, self.aim.turn)
             time = max((self.goal.earliest or self.file.begin) - self.file.begin, 0.0)

@@ -1,10 +1,4 @@
-"""Roads of CommonRoad: routes over lanes, lines along them, and what lies beside the road.
-
-The road is the union of all lanes. Whoever plans keeps to that part of it which lies around the line of the route, and
-which is bounded on all sides: by the borders of the road, and by the end of the part. Borders are drawn in a little, so
-that fewer edges do, and never out. Along each edge stands a wall, as thick as fits beside the road: what moves
-continuously and never touches a wall does not leave the part.
-"""
+"""Roads of CommonRoad: routes over lanes, lines along them, and what lies beside the road."""
 
 from __future__ import annotations
 
@@ -203,10 +197,7 @@ def drivable(network: Any, line: Array, reach: float, width: float, gap: float) 
 
 
 def road_in(network: Any, around: Any, gap: float, inwards: float = 0.0) -> Any:
-    """Return the road about an area: the lanes that meet it, those side by side as one, and narrow gaps filled.
-
-    The official checker joins lanes side by side like this, and finds a car outside of the road in any other gap.
-    """
+    """Return the road about an area: the lanes that meet it, those side by side as one, and narrow gaps filled."""
     from shapely import Polygon, make_valid, union_all
 
     polygons = [Polygon(outline) for outline in _outlines({lane.lanelet_id: lane for lane in network.lanelets})]

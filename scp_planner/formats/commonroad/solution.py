@@ -1,11 +1,4 @@
-"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads.
-
-A solution is the plan's states at the steps of the scenario's file. States of KS and KST carry the steering angle,
-which is that of the plan's curvature (next to nothing beside it, where the checker would not find the inputs), and KST
-the angle of the trailer, integrated from a straight one at the start.
-
-Needs the package commonroad-io (the extra `commonroad`), of 2024 or newer.
-"""
+"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads."""
 
 from __future__ import annotations
 
@@ -39,35 +32,7 @@ def export_commonroad_solution(
     cost: str = "JB1",
     problem: int | None = None,
 ) -> None:
-    """Write a plan as a solution file.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the scenario that `load_commonroad` reads from the file for this model and car.
-    commonroad_file : path
-        The scenario's XML file.
-    path : path
-        The solution file to write, XML; a file that stood there is replaced as a whole.
-    model : str
-        PM, KS or KST.
-    car : str, optional
-        One of `CARS`; default: the BMW 320i, for KST the truck.
-    cost : str
-        JB1, SM1 or WX1: what the solution is to be judged by.
-    problem : int, optional
-        Id of the planning problem; default: the first one.
-
-    Raises
-    ------
-    ValueError
-        If there is no such model, car or cost, or the plan does not arrive on a step of the file, or changes
-        its accelerations so much in one that the official checker would find no inputs.
-    ScenarioError
-        If the file is none of CommonRoad.
-    ImportError
-        If commonroad-io is not installed.
-    """
+    """Write a plan as a solution file."""
     moved = VehicleModel.named(model)
     name, body = car or default_car(moved), body_of(car, moved)
     if cost not in COSTS:
@@ -123,11 +88,7 @@ def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car)
 
 
 def _hitch_angles(plan: Plan, times: Array, car: Car) -> Array:
-    """Angles of the trailer behind the truck at times, (n,) rad; 0 at the first.
-
-    With the curvature k of the truck's path, its angle to the trailer changes by -v (sin(a) / l_trailer + k), by
-    Runge and Kutta's classic step. Source: the vehicle models of CommonRoad, kinematic single-track with a trailer.
-    """
+    """Angles of the trailer behind the truck at times, (n,) rad; 0 at the first."""
     assert car.trailer_wheelbase is not None
     fine = np.linspace(times[0], times[-1], 2 * HITCH_STEPS * (len(times) - 1) + 1)
     speed, curvature = plan.speed(fine), plan.curvature(fine)
