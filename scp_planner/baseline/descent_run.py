@@ -23,8 +23,8 @@ class DescentStatus(StrEnum):
 class Iterate:
     """An iterate of a descent."""
 
-    evaluations: int
-    seconds: float  # Since the descent began
+    evaluations: int  # of the objective until then
+    seconds: float  # since the descent began
     trajectory: Trajectory
 
 
@@ -33,10 +33,10 @@ class DescentRun:
     """A descent and where it ended."""
 
     status: DescentStatus
-    evaluation: Evaluation  # The last trip, with the exact hinge
-    evaluations: int = 0
-    iterations: int = 0  # Accepted steps of the minimisers
-    iterates: list[Iterate] = field(default_factory=list)  # The iterates, if they were asked for
+    evaluation: Evaluation  # the last trip, with the exact hinge
+    evaluations: int = 0  # of the objective, with gradient or (Monte Carlo) without
+    iterations: int = 0  # accepted steps of the minimisers
+    iterates: list[Iterate] = field(default_factory=list)  # the iterates, if they were asked for
 
     @property
     def trajectory(self) -> Trajectory:

@@ -15,7 +15,7 @@ ARMIJO = 1e-4
 
 
 class Minimisation(Protocol):
-    """A minimisation: function, start and minimiser."""
+    """What is minimised, where, and how."""
 
     settings: DescentSettings
     lower: Array  # (K,)

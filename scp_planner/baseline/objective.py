@@ -19,9 +19,12 @@ class ObjectiveValue:
 
     value: float  # Q, s
     travel_time: float  # tau, s; inf outside D0(v0)
-    violations: Array  # (G,)
-    use: Array  # (G,) Derivatives of the violations with respect to a common margin, in [0, 1]
-    gradient: Array  # (K,) dQ / d omega; empty if it was not asked for
+    # (G,): of zones in m, then of the other constraints: relative, but m for box and offsets, and m/s for the goal
+    # speed
+    violations: Array
+    # (G,): derivatives of the violations with respect to a common margin, in [0, 1]: times the price, the multiplier
+    use: Array
+    gradient: Array  # (K,): dQ / d omega; empty if it was not asked for
 
 
 class PenalisedObjective:

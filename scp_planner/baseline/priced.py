@@ -12,7 +12,6 @@ from scp_planner.constraints.goals import GoalSpeed
 from scp_planner.constraints.settling import settle_minima
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
-from scp_planner.scp.merit import Penalties
 from scp_planner.trips.trajectory import Trajectory
 
 CLUSTER = np.linspace(-1.0, 1.0, 9)  # samples about a minimum of clearance, in steps of the grid
@@ -40,13 +39,6 @@ def uniform(problem: Problem, zones: float, others: float) -> Array:
     """Return one value for all zones and one for all else, (G,): prices, or widths of the hinge."""
     count = problem.zones.size
     return np.concatenate([np.full(count, zones), np.full(violation_count(problem) - count, others)])
-
-
-def prices_of(problem: Problem, penalties: Penalties) -> Array:
-    """Return the prices of a run of the loop, (G,); what its rows keep costs as much as its dearest limit."""
-    dearest = float(np.max(penalties.weights[problem.zones.size :]))
-    further = np.full(violation_count(problem) - len(penalties.weights), dearest)
-    return np.concatenate([penalties.weights, further])
 
 
 def times_near(problem: Problem, trajectory: Trajectory, near: float) -> Array:

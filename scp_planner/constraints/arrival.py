@@ -28,11 +28,9 @@ class EarliestArrival(Constraint):
     step_size: int
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return by how much the arrival is too early, (1,) s."""
         return np.array([self.travel_time - trip.travel_time])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradient: -tau for rho."""
         gradient = np.zeros((len(index), self.step_size))
         gradient[:, -1] = -trip.travel_time
         return gradient

@@ -26,15 +26,12 @@ class InBox(Constraint):
     box: Box
 
     def tightened(self, more: float) -> Self:
-        """Return the constraint for a smaller box."""
         return replace(self, box=replace(self.box, offsets=self.box.offsets - more)) if more else self
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return the distances beyond the sides."""
         return (trip.path.station_positions @ self.box.normals.T - self.box.offsets).ravel()
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the distances."""
         station, side = np.divmod(index, len(self.box.offsets))
         return self.setup.of_path(self._rows(trip, station, self.box.normals[side])[:, self.setup.ends.free])
 
@@ -52,7 +49,6 @@ class DiscInBox(InBox):
     ahead: float
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return the distances beyond the sides."""
         points = trip.path.points(self.setup.space.tables.station_parameters)
         return (disc_positions(points, self.ahead) @ self.box.normals.T - self.box.offsets).ravel()
 

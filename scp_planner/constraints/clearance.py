@@ -45,15 +45,12 @@ class Clearance(Constraint):
 
     @property
     def size(self) -> int:
-        """One violation a zone."""
         return self.zones.size
 
     def among(self, zones: ZoneBatch) -> Clearance:
-        """Return the clearance from other zones."""
         return Clearance(self.setup, zones)
 
     def smooth(self, times: TimeTable) -> Constraint:
-        """Return the clearance at times alone."""
         return SampledClearance(self.setup, self.zones, times)
 
     def excess(self, trip: Trajectory) -> Array:
@@ -124,7 +121,6 @@ class Clearance(Constraint):
         return TripPoints.joined([minima, points]), ZoneContacts.joined([touched, contacts])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return -dc."""
         return _entry_gradient(self.setup, trip, *self._met(trip, index))
 
     def rows(self, trip: Trajectory, excess: Array) -> Rows:
@@ -159,7 +155,6 @@ class SampledClearance(Constraint):
 
     @property
     def size(self) -> int:
-        """One violation a part of a zone."""
         return self.zones.size
 
     def excess(self, trip: Trajectory) -> Array:
@@ -168,7 +163,6 @@ class SampledClearance(Constraint):
         return -self.zones.distances(points.time, points.path.position).ravel()
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return -dc."""
         sample, zone = np.divmod(index, max(self.zones.size, 1))
         return self._gradient(trip, sample, self._contacts(trip, sample, zone))
 

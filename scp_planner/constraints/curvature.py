@@ -23,11 +23,9 @@ class Curvature(TwoSidedLimit):
     near: ClassVar[float] = 1.0 + OPPOSITE
 
     def use(self, trip: Trajectory) -> Array:
-        """Return the curvature over its limit."""
         return trip.path.station_bend.curvature / self.limit
 
     def slopes(self, trip: Trajectory) -> Array:
-        """Return its gradients."""
         tables = self.setup.space.tables
         rows, slopes, bends = tables.station_rows, tables.station_slopes, tables.station_bends
         theta = curvature_gradient(self.setup, trip.path.station_bend, rows, slopes, bends)

@@ -44,12 +44,11 @@ class CurvatureRate(TwoSidedLimit):
         return space.time_table(space.acceleration.breakpoints[1:-1] if space.tables.constant else np.zeros(0))
 
     def use(self, trip: Trajectory) -> Array:
-        """Return the rate over its limit."""
         sites = self._sites(trip)
         return sites.speed * sites.rate / self.limit
 
     def slopes(self, trip: Trajectory) -> Array:
-        """Return the gradients: at fixed stations, and at jumps of the acceleration, which move by dD - dS."""
+        # At fixed stations, and at jumps of the acceleration, which move by dD - dS
         setup, sites, basis = self.setup, self._sites(trip), self.setup.space.path
         free, moves = setup.ends.free, len(self._parameters)
         table = setup.space.time_table(sites.sigma)

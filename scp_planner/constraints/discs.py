@@ -33,7 +33,6 @@ class DiscClearance(Constraint):
         self._last = LastTrip[Array]()
 
     def among(self, zones: ZoneBatch) -> DiscClearance:
-        """Return the constraint among other zones."""
         return DiscClearance(self.setup, zones, self.ahead)
 
     def excess(self, trip: Trajectory) -> Array:
@@ -69,7 +68,6 @@ class DiscClearance(Constraint):
         return self.zones.contacts(zone, points.time[sample], disc_positions(points.path.take(sample), self.ahead))
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the depths, see `Swing`."""
         sample, zone = np.divmod(index, max(self.zones.size, 1))
         contacts = self._contacts(trip, sample, zone)
         points, tau = trip.kept_at(self.setup.samples).take(sample), trip.travel_time

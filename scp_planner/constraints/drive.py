@@ -88,11 +88,9 @@ class TopSpeed(Limit):
     near: ClassVar[float] = -np.inf
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return v / limit - 1."""
         return trip.speed_control_points()[1:] / self.limit - 1.0
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradient of v / limit."""
         return _speed_gradient(self.setup, trip, index) / self.limit
 
 
@@ -106,11 +104,9 @@ class Forwards(Constraint):
     setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return -v / top speed."""
         return -trip.speed_control_points()[1:] / self.setup.limits.speed
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradient of -v / top speed."""
         return _speed_gradient(self.setup, trip, index) / -self.setup.limits.speed
 
 
@@ -124,12 +120,10 @@ class AccelerationBounds(Constraint):
     setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return the excess over both limits."""
         limits, beta = self.setup.limits, trip.beta
         return np.concatenate([beta / limits.acceleration, -beta / limits.deceleration]) - 1.0
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients: da = d beta - 2 a rho."""
         limits, count = self.setup.limits, len(trip.beta)
         scale = np.where(index < count, 1.0 / limits.acceleration, -1.0 / limits.deceleration)
         found = self.setup.of_drive(np.eye(count)[index % count], -2.0 * trip.beta[index % count])
@@ -146,13 +140,11 @@ class OffsetBounds(Constraint):
     setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return how far they are above the upper bounds, then below the lower ones."""
         ends = self.setup.ends
         theta = trip.theta[ends.free]
         return np.concatenate([theta - ends.upper[ends.free], ends.lower[ends.free] - theta])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of both sides."""
         del trip  # they are linear
         side, place = np.divmod(index, self.setup.free_size)
         return self.setup.of_path(np.where(side, -1.0, 1.0)[:, None] * np.eye(self.setup.free_size)[place])

@@ -23,12 +23,16 @@ FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked a
 
 @dataclass(frozen=True)
 class EndConditions:
-    theta: Array  # (K1,) Fixed values where ``free`` excludes them, m
-    free: slice  # The free control points
+    """Which control points of the offset are fixed, and the wanted speed at the goal."""
+
+    theta: Array  # (K1,): fixed values where ``free`` excludes them, m
+    free: slice  # the free control points
     goal_speed: float | None  # m/s
-    lower: Array  # (K1,) Bounds of the control points, m: the largest offset, and less where the guide would fold
-    upper: Array  # (K1,) Bounds of the control points, m: the largest offset, and less where the guide would fold
-    start_acceleration: float | None = None  # m/s^2
+    # Bounds of the control points, m: the largest offset, and less where the guide would fold; the last one stays
+    # within the radius of the goal
+    lower: Array  # (K1,)
+    upper: Array  # (K1,)
+    start_acceleration: float | None = None  # what the first control point of the acceleration is to be, m/s^2
 
 
 def end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:

@@ -34,16 +34,13 @@ class GoalSpeedRange(Constraint):
     highest: float
 
     def tightened(self, more: float) -> Self:
-        """Return a narrower range."""
         return replace(self, lowest=self.lowest + more, highest=self.highest - more)
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return by how much the speed is beyond each end of the range, (2,) m/s."""
         speed = trip.final_speed
         return np.array([speed - self.highest, self.lowest - speed])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the speed, and of its negative."""
         space, sign = self.setup.space, np.where(index == 0, 1.0, -1.0)
         beta, rho = trip.travel_time * space.tables.final_speed, space.start_speed - trip.final_speed
         return self.setup.of_drive(sign[:, None] * beta, sign * rho)
@@ -51,8 +48,7 @@ class GoalSpeedRange(Constraint):
 
 class GoalSpeed(GoalSpeedRange):
     def tightened(self, more: float) -> Self:
-        """Return the same: it is met to rounding."""
-        del more
+        del more  # it is met to rounding
         return self
 
     def rows(self, trip: Trajectory, excess: Array) -> Rows:
@@ -73,7 +69,6 @@ class GoalRegion(Constraint):
     offsets: Array
 
     def tightened(self, more: float) -> Self:
-        """Return a smaller region."""
         return replace(self, offsets=self.offsets - more)
 
     def excess(self, trip: Trajectory) -> Array:
@@ -82,7 +77,6 @@ class GoalRegion(Constraint):
         return (middle @ self.normals.T - self.offsets).ravel()
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the distances."""
         points = trip.path.points(np.ones(len(index)))
         theta = Swing.of(points).rows(trip.path, points, self.normals[index], self.ahead)
         return self.setup.of_path(theta[:, self.setup.ends.free])
@@ -98,18 +92,15 @@ class GoalHeading(Constraint):
     half: float
 
     def tightened(self, more: float) -> Self:
-        """Return a narrower range."""
         return replace(self, half=self.half - more)
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return by how much the heading is beyond each end of the range, (2,) rad."""
         direction = trip.path.points(_END).direction[0]
         turn = float(np.arctan2(direction[1], direction[0])) - self.middle
         turn -= 2.0 * pi * round(turn / (2.0 * pi))
         return np.array([turn - self.half, -turn - self.half])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the heading, and of its negative."""
         points = trip.path.points(_END)
         turn = Swing.of(points).turn_rows(trip.path, points)[0, self.setup.ends.free]
         return self.setup.of_path(np.where(index == 0, 1.0, -1.0)[:, None] * turn)

@@ -22,17 +22,14 @@ class Jerk(TwoSidedLimit):
     near: ClassVar[float] = np.inf
 
     def use(self, trip: Trajectory) -> Array:
-        """Return the jerk over its limit."""
         return (jerk_matrix(self.setup.space) @ trip.beta) / (self.limit * trip.travel_time)
 
     def slopes(self, trip: Trajectory) -> Array:
-        """Return the gradients of R b / tau^3."""
         rows = jerk_matrix(self.setup.space) / (self.limit * trip.travel_time)
         return self.setup.of_drive(rows, -3.0 * self.use(trip))
 
     def tightened(self, more: float) -> Jerk:
-        """Return the same: nothing is missed between control points."""
-        del more
+        del more  # nothing is missed between control points
         return self
 
 

@@ -95,11 +95,13 @@ class _Basis:
 
 @dataclass(frozen=True)
 class Look:
-    stations: StationSites  # The fixed stations; stations between them, around peaks
-    peaks: StationSites  # The fixed stations; stations between them, around peaks
-    jumps: TripPoints | None
-    jump_bend: PathBend  # Curvature there
-    worst: float  # Largest lateral acceleration, m/s^2, also where it is not followed
+    """Where the lateral acceleration of a trip is limited."""
+
+    stations: StationSites  # the fixed ones
+    peaks: StationSites  # stations between them, around peaks
+    jumps: TripPoints | None  # where the acceleration jumps: the speed peaks there
+    jump_bend: PathBend  # curvature there
+    worst: float  # largest lateral acceleration, m/s^2, also where it is not followed
 
     @property
     def jump_lateral(self) -> Array:
@@ -117,7 +119,6 @@ class LateralAcceleration(TwoSidedLimit):
     _last: LastTrip[Look] = field(default_factory=LastTrip, init=False, repr=False, compare=False)
 
     def smooth(self, times: TimeTable) -> Constraint:
-        """Return the limit at stations and jumps alone."""
         return SampledLateralAcceleration(self.setup, self.limit, times)
 
     def look(self, trip: Trajectory) -> Look:
@@ -140,7 +141,6 @@ class LateralAcceleration(TwoSidedLimit):
         return trip.kept_at(times).part(slice(self.setup.grid, len(self.setup.samples.sigma)), self.setup.jumps)
 
     def use(self, trip: Trajectory) -> Array:
-        """Return the lateral acceleration over its limit: stations, peaks, then jumps."""
         look = self.look(trip)
         return np.concatenate([look.stations.lateral, look.peaks.lateral, look.jump_lateral]) / self.limit
 
@@ -157,7 +157,6 @@ class LateralAcceleration(TwoSidedLimit):
         return Rows(rows.matrix, rows.gap, rows.group, 2 * key[place] + lower)
 
     def slopes(self, trip: Trajectory) -> Array:
-        """Return the gradients."""
         look = self.look(trip)
         sites, basis = look.stations, _Basis.fixed(trip)
         if len(look.peaks.parameters):

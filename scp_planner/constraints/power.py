@@ -23,7 +23,6 @@ class TimedLimit(Limit):
     times: TimeTable
 
     def also_at(self, sigma: Array) -> Self:
-        """Return the limit at further times as well."""
         return replace(self, times=TimeTable.joined([self.times, self.setup.space.time_table(sigma)]))
 
 
@@ -34,11 +33,9 @@ class Power(TimedLimit):
     near: ClassVar[float] = 0.6
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return a v / limit - 1."""
         return self._acceleration(trip) * self._speed(trip) / self.limit - 1.0
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradient of a v / limit."""
         a, v = self._acceleration(trip)[index], self._speed(trip)[index]
         tau, v0 = trip.travel_time, self.setup.space.start_speed
         beta = v[:, None] * self.times.acceleration[index] + (tau * a)[:, None] * self.times.speed[index]

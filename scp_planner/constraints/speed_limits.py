@@ -26,12 +26,12 @@ CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend 
 class _SpeedSites:
     """Speeds in places."""
 
-    parameter: Array  # (n,) Normalised station and time, m/s, m/s^2
-    sigma: Array  # (n,) Normalised station and time, m/s, m/s^2
-    speed: Array  # (n,) Normalised station and time, m/s, m/s^2
-    acceleration: Array  # (n,) Normalised station and time, m/s, m/s^2
-    limit: Array  # (n,) m/s; inf where there is none
-    pieces: _OtherPieces
+    parameter: Array  # (n,): normalised stations; sigma are normalised times
+    sigma: Array  # (n,)
+    speed: Array  # (n,), m/s
+    acceleration: Array  # (n,), m/s^2
+    limit: Array  # (n,): m/s; inf where there is none
+    pieces: _OtherPieces  # of them, those that stand for other pieces of the acceleration
 
 
 class SpeedLimits(Constraint):
@@ -48,18 +48,15 @@ class SpeedLimits(Constraint):
         self._last = LastTrip[_SpeedSites]()
 
     def tightened(self, more: float) -> SpeedLimits:
-        """Return lower limits."""
         if more == 0.0:
             return self
         return SpeedLimits(self.setup, tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches))
 
     def excess(self, trajectory: Trajectory) -> Array:
-        """Return v^2 / limit^2 - 1 in all places."""
         sites = self._sites(trajectory)
         return np.where(np.isfinite(sites.limit), (sites.speed / sites.limit) ** 2 - 1.0, -np.inf)
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
-        """Return the gradient at fixed stations, or at fixed normalised times for jumps."""
         sites = self._sites(trajectory)
         fixed_time = index >= len(sites.sigma) - len(self._jumps.sigma)
         gradient = squared_speed_gradient(
@@ -138,12 +135,15 @@ class SpeedLimits(Constraint):
 class _OtherPieces:
     """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays."""
 
-    speed: Array  # As in _SpeedSites
-    acceleration: Array  # As in _SpeedSites
-    limit: Array  # As in _SpeedSites
-    own: Index  # Number of the piece at the gate, and of that which is gone on with
-    other: Index  # Number of the piece at the gate, and of that which is gone on with
-    since: Array  # Normalised time since the jump between them; negative before it
+    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
+    speed: Array
+    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
+    acceleration: Array
+    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
+    limit: Array
+    own: Index  # number of the piece at the gate
+    other: Index  # number of the piece that is gone on with
+    since: Array  # normalised time since the jump between them; negative before it
 
     @classmethod
     def beside(cls, trajectory: Trajectory, sigma: Array, speed: Array, counted: Array, limit: Array) -> _OtherPieces:

@@ -31,14 +31,12 @@ class TotalAcceleration(TimedLimit):
     beside: tuple[float, ...]
 
     def excess(self, trip: Trajectory) -> Array:
-        """Return the excess at all times, direction by direction."""
         points = trip.kept_at(self.times)
         lateral = points.speed**2 * trip.path.bend(points.path).curvature
         total = np.hypot(points.acceleration, lateral) / self.limit
         return np.concatenate([total * np.cos(turn) for turn in self.beside]) - 1.0
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        """Return the gradients of the parts, their directions fixed, at fixed normalised times."""
         direction, place = np.divmod(index, len(self.times.sigma))
         turn = np.array(self.beside)[direction]
         points = trip.kept_at(self.times).take(place)

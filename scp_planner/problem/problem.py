@@ -36,10 +36,10 @@ class TripConstraints(Protocol):
 class Problem(Setup):
     """A scenario made ready for planning."""
 
-    constraints: tuple[Constraint, ...]  # All that the merit prices; clearance is the first
-    given: TripConstraints | None = None  # A user's own
-    profile: SpeedProfile | None = None  # The fastest drive along the guide, where places limit the speed
-    units: NaturalUnits = AS_GIVEN  # In which it is written, for what is told of it
+    constraints: tuple[Constraint, ...]  # all that the merit prices; clearance is the first
+    given: TripConstraints | None = None  # a user's own
+    profile: SpeedProfile | None = None  # the fastest drive along the guide, where places limit the speed
+    units: NaturalUnits = AS_GIVEN  # in which it is written, for what is told of it
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:

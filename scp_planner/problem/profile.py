@@ -15,9 +15,9 @@ SAME_SWITCH = 0.03  # units of time; the acceleration of a profile changes once 
 class SpeedProfile:
     """The fastest drive along a line."""
 
-    stations: Array  # (n,) m and s
-    times: Array  # (n,) m and s
-    switches: tuple[float, ...]  # Times at which the acceleration changes, s
+    stations: Array  # (n,), m
+    times: Array  # (n,), s
+    switches: tuple[float, ...]  # times at which the acceleration changes, s
 
     def times_at(self, stations: Array) -> Array:
         """Times at which stations (n,) m are reached, s; beyond the end at the last speed."""

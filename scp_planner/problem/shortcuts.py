@@ -31,14 +31,16 @@ SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
 
 @dataclass(frozen=True)
 class Ground:
-    standing: ZoneBatch  # Zones that neither move nor grow
+    """Where may be driven whenever, and how fast."""
+
+    standing: ZoneBatch  # zones that neither move nor grow
     box: Box
-    line: Line  # The guide of the scenario, in the planning frame
-    farthest: float  # Largest distance from it, m
-    slow: tuple[Stretch, ...]  # In the planning frame
-    top: float  # Speed where there is no limit, m/s
-    beside: float = 0.0  # Places so near to slow ones count as slow, m
-    deadline: float = np.inf  # Value of :func:`time.perf_counter`, at which looks at it are given up
+    line: Line  # the guide of the scenario, in the planning frame
+    farthest: float  # largest distance from it, m
+    slow: tuple[Stretch, ...]  # in the planning frame
+    top: float  # speed where there is no limit, m/s
+    beside: float = 0.0  # places so near to slow ones count as slow, m
+    deadline: float = np.inf  # value of :func:`time.perf_counter`, at which looks at it are given up
 
     def _parts(self, count: int, looks: int) -> Iterator[slice]:
         """Yield parts of so many points at each of which is looked so often, while there is time."""

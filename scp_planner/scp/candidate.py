@@ -17,12 +17,14 @@ from scp_planner.scp.subproblem import Subproblem
 
 @dataclass(frozen=True)
 class Candidate:
-    evaluation: Evaluation
-    predicted: float  # Decrease of the merit by the model and in truth, s
-    actual: float  # Decrease of the merit by the model and in truth, s
-    size: float  # Largest component of the step, relative to the trust region
-    sooner: float  # Decrease of the travel time by the model, s
-    before: float  # Largest violation of the trip that the step leads away from
+    """Where the step of one iteration leads."""
+
+    evaluation: Evaluation  # of the trip that the step leads away from, as long as it has not been looked at where to
+    predicted: float  # decrease of the merit by the model, s
+    actual: float  # decrease of the merit in truth, s
+    size: float  # largest component of the step, relative to the trust region
+    sooner: float  # decrease of the travel time by the model, s
+    before: float  # largest violation of the trip that the step leads away from
 
     @classmethod
     def of(cls, base: Evaluation, penalties: Penalties, sub: Subproblem, z: Array) -> Candidate:

@@ -18,11 +18,12 @@ class Evaluation:
     """One trip, evaluated."""
 
     trajectory: Trajectory
-    points: TripPoints  # At the problem's samples
-    excesses: tuple[Array, ...]  # (n,) Excesses over each of the problem's constraints in all places
-    violations: Array  # (G,) Violations that have a price, 0 where there is none
-    zones: int
-    given_violation: float = 0.0  # Worst violation of a user's own constraints
+    points: TripPoints  # at the problem's samples
+    excesses: tuple[Array, ...]  # (n,): excesses over each of the problem's constraints in all places
+    # (G,): violations that have a price, 0 where there is none: of zones in m, then of the other constraints
+    violations: Array
+    zones: int  # how many of them are of zones
+    given_violation: float = 0.0  # worst violation of a user's own constraints
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""

@@ -26,14 +26,14 @@ class ArrivalSteps:
     """Steps of time that a trip has to arrive on."""
 
     step: float  # s
-    latest: float  # Travel time that is still in time, s
+    latest: float  # travel time that is still in time, s
 
     def after(self, travel_time: float) -> float:
         """Return the travel time to the next step, s."""
         return _step_after(travel_time, self.step) * self.step
 
     def as_good(self, trip: Evaluation, sooner: float, parameters: LoopParameters) -> bool:
-        """True if a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one."""
+        """Whether a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one."""
         time = trip.trajectory.travel_time
         if trip.worst_violation > parameters.grave or self.after(time) > self.latest:
             return False
@@ -45,10 +45,11 @@ class RunLimits:
     """Limits of the work of one run."""
 
     max_iterations: int
-    deadline: float  # Value of :func:`time.perf_counter` at which the run ends, s
+    deadline: float  # value of :func:`time.perf_counter` at which the run ends, s
+    # after so many iterations a trip without grave violations is good enough, though not the fastest
     enough: int | None
-    hopeless_after: int  # A run that is still far from feasible after so many iterations ends
-    tolerance: float  # Gains of the travel time or the merit below this are none, s
+    hopeless_after: int  # a run that is still far from feasible after so many iterations ends
+    tolerance: float  # gains of the travel time or the merit below this are none, s
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,15 @@ TINY_CURVATURE = 1e-14  # units of time; of a step's curvature term, below which
 class LastStep:
     """A step, and the multipliers of its subproblem."""
 
-    start: Trajectory  # The trips between which it leads
-    end: Trajectory  # The trips between which it leads
-    step: Array  # (n,) z
-    keys: Index  # (a,) Sorted keys of the active rows that may be violated at a price
-    matrix: Array  # (a, n) These rows
-    prices: Array  # (a,) Their multipliers
-    arrival: float  # Multiplier of arrival
+    start: Trajectory
+    end: Trajectory
+    step: Array  # (n,): z
+    keys: Index  # (a,): sorted keys of the active rows that may be violated at a price
+    matrix: Array  # (a, n): these rows
+    prices: Array  # (a,): their multipliers
+    arrival: float  # multiplier of arrival
+    # second derivative, with respect to rho, of the active bounds of the acceleration times their multipliers: what is
+    # linear in the subproblem is b_k <= a tau^2
     timing: float
 
     @classmethod

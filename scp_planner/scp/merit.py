@@ -14,7 +14,8 @@ from scp_planner.problem.problem import Problem
 class Penalties:
     """Prices of the violations in the merit."""
 
-    weights: Array  # (G,) s per unit of each violation of the problem's constraints, in their order
+    # (G,): s per unit of each violation of the problem's constraints, in their order: m, m/s, rad, or relative
+    weights: Array
     given: float = 50.0  # s per unit of the worst violation of a user's own constraints
 
     @classmethod

@@ -33,7 +33,10 @@ def trip_after(problem: Problem, trajectory: Trajectory, z: Array) -> Trajectory
 
 
 class Projection:
-    """Onto what every step must keep: speed, acceleration, a user's constraints."""
+    """Onto what every step must keep: speed, acceleration, a user's constraints.
+
+    From a trip that breaks them short steps would have nowhere to go.
+    """
 
     def __init__(self, problem: Problem, drive: DriveRows, solver: StepSolver, parameters: LoopParameters) -> None:
         self.problem = problem
@@ -73,7 +76,7 @@ class Projection:
         return None if solution is None else trip_after(problem, start, solution.x)
 
     def within_limits(self, trip: Trajectory, deadline: float) -> Trajectory | None:
-        """Return the nearest trip within speed and acceleration, if this one is not."""
+        """Return the nearest trip within speed and acceleration; None if this one is, or nothing better is found."""
         excess = self.drive.excess(trip)
         if excess <= FEASIBILITY:
             return None

@@ -31,14 +31,14 @@ class Iteration:
     """One row of the iteration record."""
 
     number: int
-    travel_time: float  # s
-    merit: float  # s
-    violation: float  # Worst violation of the candidate
-    predicted: float  # Decrease of the merit by the model and in truth, s
-    actual: float  # Decrease of the merit by the model and in truth, s
-    accepted: bool
+    travel_time: float  # of the candidate, s
+    merit: float  # of the candidate, s
+    violation: float  # worst violation of the candidate
+    predicted: float  # decrease of the merit by the model, s
+    actual: float  # decrease of the merit in truth, s
+    accepted: bool  # whether the candidate was accepted, if only on trial
     trust: TrustRegion
-    rows: int  # Number of rows that could be violated
+    rows: int  # number of rows that could be violated
 
 
 @dataclass

@@ -24,19 +24,19 @@ class Progress:
 class LoopState:
     """A run so far."""
 
-    run: LoopRun  # The trip of the next iteration, the penalties, the record
+    run: LoopRun  # the trip of the next iteration, the penalties, the record
     parameters: LoopParameters
     limits: RunLimits
     cutoff: Cutoff
     trust: TrustRegion
-    begun: float  # Value of :func:`time.perf_counter` at which the last iteration began, or the run, s
-    progress: Progress  # The last one that counts against the patience
-    nearest: Progress  # The last one among those with small violations
-    number: int = 0
-    active: ActiveSet | None = None
-    last: LastStep | None = None  # The step that led to the trip, if it is to be learnt from
+    begun: float  # value of :func:`time.perf_counter` at which the last iteration began, or the run, s
+    progress: Progress  # the last one that counts against the patience
+    nearest: Progress  # the last one among those with small violations
+    number: int = 0  # of the last iteration, from 1
+    active: ActiveSet | None = None  # of the last subproblem
+    last: LastStep | None = None  # the step that led to the trip, if it is to be learnt from
     linearised: Linearised | None = None
-    trial: Watchdog | None = None
+    trial: Watchdog | None = None  # where to go back to if the step on trial fails
 
     @property
     def late(self) -> bool:

@@ -15,8 +15,8 @@ class StepSolver:
     """Solves subproblems."""
 
     solver: QpSolver
-    fallback: str | None  # Name of the solver to try when the solver fails
-    shortest: float  # Wall time that a solver is given at least, s
+    fallback: str | None  # name of the solver to try when the solver fails
+    shortest: float  # wall time that a solver is given at least, s
 
     def solve(self, program: SlackedProgram, deadline: float) -> Solution | None:
         """Return the step, or None; a solver has what is left of the time, or else of its own limit."""

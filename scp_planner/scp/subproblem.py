@@ -27,10 +27,12 @@ MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arriv
 
 @dataclass
 class ActiveSet:
-    step: NDArray[np.int8]  # (n,)
-    hard: NDArray[np.int8]  # (h,)
-    keys: Index  # (k,) Sorted keys of the active rows that may be violated at a price
-    violated: Mask  # (G,)
+    """Which constraints were active in the last subproblem: the guess for the next one."""
+
+    step: NDArray[np.int8]  # (n,): of the bounds of the step: -1 at the lower one, +1 at the upper one, 0 inactive
+    hard: NDArray[np.int8]  # (h,): of the hard rows
+    keys: Index  # (k,): sorted keys of the active rows that may be violated at a price
+    violated: Mask  # (G,): whether the slack of each violation was positive
 
     def guess(self, rows: Rows, groups: Index) -> NDArray[np.int8]:
         """Return the guess for a program with these rows and slacks."""
@@ -43,10 +45,10 @@ class Subproblem:
     """A quadratic program and how its variables are laid out."""
 
     program: SlackedProgram
-    rows: Rows
-    step_size: int  # Number of variables of the step; the slacks follow
-    groups: Index  # (g,) Violation that each slack belongs to
-    group_count: int  # Number G of violations in the merit
+    rows: Rows  # those that may be violated at a price
+    step_size: int  # number of variables of the step; the slacks follow
+    groups: Index  # (g,): violation that each slack belongs to
+    group_count: int  # number G of violations in the merit
 
     def prices(self, solution: Solution) -> Array:
         """Return the multipliers of all rows, the hard ones first, in a solution of the program."""

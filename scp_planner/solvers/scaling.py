@@ -19,7 +19,9 @@ NO_BOUND = 1e20  # bounds beyond this are none: as rows they would hurt the scal
 class Scaling:
     """A program in scaled variables and units, and the way between them."""
 
-    program: QuadraticProgram  # In y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``
+    # in y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``. Missing bounds are infinite.
+    # Its matrix may be a sparse one
+    program: QuadraticProgram
     columns: Array  # (n,)
     rows: Array  # (m,)
     cost: float

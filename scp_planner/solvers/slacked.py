@@ -15,18 +15,18 @@ from scp_planner.solvers.interface import LONGEST_SOLVE, QuadraticProgram, StepO
 class SlackedProgram:
     """A :class:`QuadraticProgram` with a matrix in parts: [[hard, 0], [soft, -1 in the column of its slack]]."""
 
-    hessian: Array  # (n, n) Positive definite
+    hessian: Array  # (n, n): positive definite
     gradient: Array  # (n,)
     lower: Array  # (n,)
     upper: Array  # (n,)
-    hard: Array  # (h, s) Rows of the first s variables
-    soft: Array  # (k, s)
-    slack: Index  # (k,)
+    hard: Array  # (h, s): rows of the first s variables
+    soft: Array  # (k, s): the same of rows that have a slack
+    slack: Index  # (k,): which variable it is of each, from s on
     bound: Array  # (h + k,)
-    equalities: int  # Number of leading rows that hold with equality
+    equalities: int  # number of leading rows that hold with equality
     active: NDArray[np.int8] | None = None  # (n + h + k,)
     origin: StepOrigin | None = None
-    time_limit: float = LONGEST_SOLVE  # As in a :class:`QuadraticProgram`
+    time_limit: float = LONGEST_SOLVE  # as in a :class:`QuadraticProgram`
 
     def of_rows(self, x: Array) -> Array:
         """Return what the rows are at a point, (h + k,)."""

@@ -56,8 +56,6 @@ class PathPoints:
     @classmethod
     def joined(cls, parts: Sequence[PathPoints]) -> PathPoints:
         """Return several sets of points as one."""
-        if len(parts) == 1:
-            return parts[0]
         shared = any(len(part.normal) != len(part.station) for part in parts)
         same = {"normal": _UP, "turning": _STRAIGHT} if shared else {}
         names = [name for name in _POINT_FIELDS if name not in same]
@@ -84,8 +82,6 @@ class PathBend:
     @classmethod
     def joined(cls, parts: Sequence[PathBend]) -> PathBend:
         """Return several sets of points as one."""
-        if len(parts) == 1:
-            return parts[0]
         shared = any(len(part.value) != len(part.curvature) for part in parts)
         return cls(
             np.concatenate([part.curvature for part in parts]),

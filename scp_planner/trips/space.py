@@ -211,11 +211,6 @@ class TripSpace:
         """Number K2 of control points of the acceleration."""
         return self.acceleration.size
 
-    @property
-    def gradient_bytes(self) -> int:
-        """Memory of the gradients of one path's arc length, see :class:`Path`, in bytes."""
-        return _ENTRY_BYTES * self.tables.cells * (QUADRATURE_ORDER + 1) * self.path_size
-
     def time_table(self, sigma: Array) -> TimeTable:
         """Return the rows of the acceleration bases at normalised times, (n,)."""
         return self.tables.time_table(sigma)

@@ -59,14 +59,10 @@ class TripPoints:
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[TripPoints], table: TimeTable | None = None) -> TripPoints:
-        """Return several sets of points as one; with the table of one of them if that is given."""
-        if len(parts) == 1:
-            return parts[0]
-        if table is None:
-            table = TimeTable.joined([part.table for part in parts])
+    def joined(cls, parts: Sequence[TripPoints]) -> TripPoints:
+        """Return several sets of points as one."""
         return cls(
-            table,
+            TimeTable.joined([part.table for part in parts]),
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.distance for part in parts]),
             np.concatenate([part.speed for part in parts]),

@@ -17,7 +17,6 @@ from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
 from scp_planner.baseline.priced import (
     places_of,
     priced_constraints,
-    prices_of,
     soft_excess,
     times_near,
     uniform,
@@ -259,8 +258,9 @@ def test_the_exact_hinge_gives_the_merit_of_sequential_convex_programming(name: 
     """But for peaks of the lateral acceleration between stations, and what SCP keeps by linear rows."""
     problem = problem_of(name)
     penalties = Penalties(np.concatenate([np.full(problem.zones.size, 5.0), np.full(sum(problem.sizes[1:]), 3.0)]))
-    prices, exact = prices_of(problem, penalties), uniform(problem, 0.0, 0.0)
-    count, (lateral,) = len(penalties.weights), places_of(problem, "lateral_acceleration")
+    count, exact = len(penalties.weights), uniform(problem, 0.0, 0.0)
+    prices = np.concatenate([penalties.weights, np.full(violation_count(problem) - count, 3.0)])
+    (lateral,) = places_of(problem, "lateral_acceleration")
     for omega in random_trips(PenalisedObjective(problem, prices, exact), 4, seed=8):
         trajectory = PenalisedObjective(problem, prices, exact).trajectory(omega)
         found = PenalisedObjective(problem, prices, exact, times_near(problem, trajectory, 1.0)).evaluate(omega)

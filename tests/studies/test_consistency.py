@@ -156,10 +156,8 @@ def test_the_compact_set_lies_in_the_box_and_the_domain(study: Study) -> None:
 def test_values_over_the_set_are_those_of_the_objective(study: Study) -> None:
     assert study.true_values == pytest.approx([study.truth.value(omega) for omega in study.compact_set], rel=1e-12)
     observed = sp.zones(study.observed(Replication(0.1, 50, 0)))
-    problem = replace(
-        study.problem,
-        zones=ZoneBatch.of(observed, study.problem.frame, study.problem.zones.radius[0] - 0.7),
-    )
+    batch = ZoneBatch.of(observed, study.problem.frame, study.problem.zones.radius[0] - 0.7)
+    problem = study.problem.among(batch)
     expected = [study.objective(problem).value(omega) for omega in study.compact_set]
     assert study.set_values(problem.zones) == pytest.approx(expected, rel=1e-9)
 
