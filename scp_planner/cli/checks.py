@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,10 +63,8 @@ def check(
     start_logging(printing)
     check_number("--slack", slack, 0.0)
     trips = [_load(file) for file in files]
-    own = [commonroad.scenario_of(scenario_file, trip) for trip in trips]
-    made_for = [each for each in own if each is not None]
-    scenario = made_for[0] if len(made_for) == len(own) else load_scenario(scenario_file, motion)
-    driven = [each or scenario for each in own]
+    usual = cache(lambda: load_scenario(scenario_file, motion))
+    driven = [commonroad.scenario_of(scenario_file, trip) or usual() for trip in trips]
     certificates = [
         certify(_widened(each, 1.0 + slack) if slack else each, trip) for each, trip in zip(driven, trips, strict=True)
     ]

@@ -10,28 +10,20 @@ from typing import Any
 
 from scp_planner.scenario.models import Vehicle
 
-RESERVE = 0.01
-"""Relative: how much less than a limit is planned with. The referee sees states at steps, and joins them by constant
-inputs, whose largest values may lie this much above those of the plan."""
-
+RESERVE = 0.01  # of limits, not planned with: constant inputs that join states may lie so much above the plan's
 UNNOTICED = 0.01  # m of the file; the official checker takes places for the same that differ by less than twice as much
 COARSE = 0.5  # of the swerve from one side to the other in one step: a smaller one is asked for
 WEAKER = 0.1  # less power where a trip is planned more softly: for the official checker's search it is another one
-SPEED_RESERVE, SLOWEST = 1.5, 2.0
-"""At which speed a point mass swerves: so many times that of the start, and no less than this, m/s."""
-
+SPEED_RESERVE, SLOWEST = 1.5, 2.0  # a point mass swerves at so many times its speed at the start, and at least so fast
 FEWEST_DISCS = 5  # that cover a car; a trailer is none of it
 
 
 class VehicleModel(StrEnum):
     """Models of motion that solutions are made for."""
 
-    PM = "PM"
-    """A point mass; its reference is the centre of the car."""
-    KS = "KS"
-    """Kinematic single track; its reference is the rear axle."""
-    KST = "KST"
-    """Kinematic single track with a trailer; for the referee its rear axle is the centre of the car."""
+    PM = "PM"  # a point mass; its reference is the centre of the car
+    KS = "KS"  # kinematic single track; its reference is the rear axle
+    KST = "KST"  # kinematic single track with a trailer; for the checker its rear axle is the centre of the car
 
     @classmethod
     def named(cls, name: str) -> VehicleModel:
@@ -64,13 +56,12 @@ class Car:
         return self.front_axle + self.rear_axle
 
 
-CARS = {
+CARS = {  # by the names of commonroad-io
     "FORD_ESCORT": Car(1, 4.298, 1.674, 0.88392, 1.50876, 0.910, 0.4, 11.5, 4.755, 45.8),
     "BMW_320i": Car(2, 4.508, 1.610, 1.1561957064, 1.4227170936, 1.066, 0.4, 11.5, 7.319, 50.8),
     "VW_VANAGON": Car(3, 4.569, 1.844, 1.1507916024, 1.3211363976, 1.023, 0.4, 11.5, 7.824, 41.7),
     "TRUCK": Car(4, 5.100, 2.550, 1.8, 1.8, 0.55, 0.7103, 11.5, 7.824, 22.22, 8.1),
 }
-"""By the names of commonroad-io."""
 
 
 def car_named(name: str, model: VehicleModel) -> Car:
@@ -79,10 +70,10 @@ def car_named(name: str, model: VehicleModel) -> Car:
         raise ValueError(f"car: must be one of {', '.join(CARS)}, not {name!r}")
     car = CARS[name]
     if (model is VehicleModel.KST) != (car.trailer_wheelbase is not None):
-        fitting = [
-            key for key, one in CARS.items() if (one.trailer_wheelbase is None) == (model is not VehicleModel.KST)
-        ]
-        raise ValueError(f"car: model {model} needs one of {', '.join(fitting)}, not {name!r}")
+        fitting = ", ".join(
+            key for key, one in CARS.items() if (one.trailer_wheelbase is None) != bool(car.trailer_wheelbase is None)
+        )
+        raise ValueError(f"car: model {model} needs one of {fitting}, not {name!r}")
     return car
 
 

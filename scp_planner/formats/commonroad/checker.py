@@ -14,17 +14,11 @@ from scp_planner.planning.plan import Plan
 
 ON_A_STEP = 0.02  # part of a step by which an arrival may miss one: the plan keeps its arrival to half of that
 STEERING, SPEED, HEADING = 2, 3, 4  # columns of states, behind the place of the rear axle
-SAME = np.array([0.02, 0.02, 0.03])
-"""m along each axis, and rad: states that differ by less are one. Beyond it a miss of places and speed counts twice."""
-
+SAME = np.array([0.02, 0.02, 0.03])  # m along each axis, and rad: states that differ by less are one
 SAME_POINT = np.full(4, 0.02)  # m and m/s along each axis: states of a point mass that differ by less are one
 OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))  # cost of inputs that cannot be
-LEAST_SPEED = 1e-6
-"""Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
-told by nothing."""
-
-NUDGES = tuple(sign * size for size in (1e-6, 1e-5, 3e-5, 1e-4) for sign in (1.0, -1.0))
-"""Changes of a steering angle that are tried, rad."""
+LEAST_SPEED = 1e-6  # of the top speed, along its heading, for a point mass that stands: it has no other heading
+NUDGES = 1e-6, -1e-6, 1e-5, -1e-5, 3e-5, -3e-5, 1e-4, -1e-4  # of a steering angle, tried in turn, rad
 
 
 def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:

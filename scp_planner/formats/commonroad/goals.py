@@ -47,7 +47,15 @@ def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
     if not states:
         number = problem.planning_problem_id
         raise ScenarioError(name, [Fault("goalState", MISSING, f"problem {number} has no goal: nothing to plan")])
-    _check_states(problem, states, name)
+    begin, faults = float(problem.initial_state.time_step), []
+    for number, state in enumerate(states):
+        last, speed = ends_of(state.time_step)[1], getattr(state, "velocity", None)
+        if last <= begin:
+            faults.append(Fault(f"goalState[{number}].time", last, f"must end after the start, at step {begin:g}"))
+        if speed is not None and ends_of(speed)[1] < 0.0:
+            faults.append(Fault(f"goalState[{number}].velocity", ends_of(speed)[1], "must not be backwards"))
+    if faults:
+        raise ScenarioError(name, faults)
     return [_goal_state(state, step * problem.initial_state.time_step, step) for state in states]
 
 
@@ -67,20 +75,6 @@ def ahead_of(state: GoalState, start: tuple[float, float], heading: float, gap: 
         ahead = place.intersection(Polygon([(start[0] + c * x - s * y, start[1] + s * x + c * y) for x, y in corners]))
         left += [part for part in getattr(ahead, "geoms", [ahead]) if part.area > 0.0]
     return replace(state, places=tuple(left)) if left else state
-
-
-def _check_states(problem: Any, states: Sequence[Any], name: str) -> None:
-    """Refuse goals that nothing that drives forward gets to."""
-    begin, faults = float(problem.initial_state.time_step), []
-    for number, state in enumerate(states):
-        last = ends_of(state.time_step)[1]
-        if last <= begin:
-            faults.append(Fault(f"goalState[{number}].time", last, f"must end after the start, at step {begin:g}"))
-        speed = getattr(state, "velocity", None)
-        if speed is not None and ends_of(speed)[1] < 0.0:
-            faults.append(Fault(f"goalState[{number}].velocity", ends_of(speed)[1], "must not be backwards"))
-    if faults:
-        raise ScenarioError(name, faults)
 
 
 def _goal_state(state: Any, begin: float, step: float) -> GoalState:

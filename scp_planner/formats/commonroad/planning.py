@@ -15,34 +15,25 @@ from scp_planner.errors import TooLargeError
 from scp_planner.formats.commonroad.cars import FEWEST_DISCS, Car, VehicleModel, body_of, default_car, softer
 from scp_planner.formats.commonroad.checker import SPEED, axle_states, shown_states
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
-from scp_planner.formats.commonroad.reading import (
-    MORE_DISCS,
-    CommonRoadFile,
-    load_commonroad,
-    read_commonroad,
-    scenario_of,
-)
+from scp_planner.formats.commonroad.reading import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
 
-TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)
-
+TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)  # of the way at the speed of the start: where goals of time alone are tried
 DEPTHS = (0.5, 1.0)  # how far into a goal's region, where it is not reached as soon as it may be
 SHARE = 0.5  # of the time that is left, that one trial is given: others may do
 QUICK_RUNS, QUICK_SEARCHES = 2, 4  # settings of a look at an aim that is one of several
-SOFTER = (1.0, 0.8, 0.6, 0.4)
-
+SOFTER = (1.0, 0.8, 0.6, 0.4)  # parts of jerk that are tried where the checker would not find the inputs of a plan
 SPAN = 0.65  # lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly
-SHORTEST_SPAN = 0.15
-"""Units of length of the scene, of a span: on very long roads those of the vehicle's length would be too many."""
+SHORTEST_SPAN = 0.15  # units of length of the scene: on very long roads spans of the vehicle's length are too many
 
 
 @dataclass(frozen=True)
 class CommonRoadPlan:
-    """A plan and what it is a plan of."""
+    """A plan and the scenario that it is a plan of."""
 
     scenario: Scenario
     plan: Plan
@@ -114,11 +105,10 @@ class _Job:
         return CommonRoadPlan(scenario, replace(made, commonroad=self.told(trial)))
 
     def told(self, trial: _Trial) -> dict[str, Any]:
-        turn = None if trial.aim.turn == inf else trial.aim.turn
-        car = self.car or default_car(VehicleModel(self.model))
-        problem = self.file.problem.planning_problem_id
-        told = {"model": self.model, "car": car, "problem": problem, "discs": trial.discs}
-        return {**told, **asdict(trial.aim), "turn": turn}
+        """What a plan says of what it was planned for."""
+        car, problem = self.car or default_car(VehicleModel(self.model)), self.file.problem.planning_problem_id
+        told = {"model": self.model, "car": car, "problem": problem, "discs": trial.discs, **asdict(trial.aim)}
+        return {**told, "turn": None if trial.aim.turn == inf else trial.aim.turn}
 
     def again(self, trial: _Trial, made: CommonRoadPlan, scenario: Scenario | None = None) -> CommonRoadPlan:
         """Plan what is tried; what there is already, where the time is over before all obstacles can be looked at."""
@@ -129,10 +119,27 @@ class _Job:
 
 
 def scenario_planned(path: str | PathLike[str], plan: Plan) -> Scenario:
-    """Read the scenario of a CommonRoad file that a plan was made for."""
-    told = dict(plan.commonroad or {})
-    if not told:
-        return load_commonroad(path)
+    """Read the scenario of a CommonRoad file that a plan was made for.
+
+    Parameters
+    ----------
+    path : path
+        XML file.
+    plan : Plan
+        If it is for no model of CommonRoad, the scenario is that of `load_commonroad`.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError, ValueError, ImportError, OSError
+        As `load_commonroad`; also if the plan names a model, car, problem or goal state that is not there.
+    """
+    told = plan.commonroad
+    if told is None:
+        return scenario_of(read_commonroad(path))
     turn = inf if told["turn"] is None else told["turn"]
     aim = GoalAim(told["state"], told["timed_way"], told["depth"], turn)
     file = read_commonroad(path, told["problem"])

@@ -1,4 +1,18 @@
-"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files."""
+"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files.
+
+What becomes what:
+
+- each obstacle's recorded states: a course, ``motion: {time, position, heading}``; one that hardly moves stands where
+  it begins; a prediction by sets: a course of their middles, with a shape that covers each of them;
+- rectangles and discs: the same; other shapes: the convex polygon around them, as they lie at first;
+- the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
+  speeds and times; a goal of time alone is a place so far ahead on the lane;
+- the lanes from start to goal: the guide, along their centre lines;
+- the borders of the road: walls; those of lanes: lines in pictures;
+- for a model of the benchmark's: its car, as the official checker looks at it.
+
+Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
+"""
 
 from __future__ import annotations
 
@@ -37,53 +51,28 @@ CAR = {
 SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
 
-MORE_DISCS = (5, 9, 17, 33)
-
+MORE_DISCS = (5, 9, 17, 33)  # that cover a car of the benchmark: more where fewer touch something at the start
 SLOWEST = 2.0  # m/s of the file, that a goal of time alone is planned with at least
 BLEND = 1.5  # s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal
 BEYOND = 1.5  # times the way to a goal of time alone, that the line goes on for at least
-UNHURRIED = 0.7
-
+UNHURRIED = 0.7  # of the speed at the start: a goal that may only be reached later is aimed at farther in
 REAR_WIDTH = 1.3  # widths of the vehicle: of the room behind it at the start for the discs that cover it
-NEARLY = 0.1
-"""Lengths of the default vehicle: so far ahead a goal begins that holds the vehicle at the start, or one step ahead."""
-
+NEARLY = 0.1  # lengths of the default vehicle, or a step if longer: so far ahead a goal around the start begins
 REACH = 8.0  # lengths of the vehicle around the guide in which the road is looked at
 
 
 @dataclass(frozen=True)
 class CommonRoadFile:
-    """A file that has been read: of commonroad-io its scenario and one of its planning problems."""
+    """A file that has been read."""
 
     name: str
-    world: Any
-    problem: Any
-
-    @property
-    def step(self) -> float:
-        """Step of time, s."""
-        return float(self.world.dt)
-
-    @property
-    def begin(self) -> float:
-        """Time of the start, s."""
-        return self.step * self.problem.initial_state.time_step
-
-    @property
-    def middle(self) -> Point:
-        """Place of the vehicle's middle at the start, m."""
-        x, y = self.problem.initial_state.position
-        return float(x), float(y)
-
-    @property
-    def heading(self) -> float:
-        """At the start, rad."""
-        return float(self.problem.initial_state.orientation)
-
-    @property
-    def speed(self) -> float:
-        """At the start, m/s."""
-        return float(self.problem.initial_state.velocity)
+    world: Any  # scenario of commonroad-io
+    problem: Any  # planning problem of commonroad-io
+    step: float  # of time, s
+    begin: float  # s
+    middle: Point  # of the vehicle at the start, m
+    heading: float  # at the start, rad
+    speed: float  # at the start, m/s
 
     def goal_states(self) -> list[GoalState]:
         """Return the goal's states; ScenarioError if there is none."""
@@ -233,13 +222,15 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
         raise ScenarioError(name, [Fault("planningProblem", MISSING, "there must be one")])
     if problem is not None and problem not in chosen:
         raise ScenarioError(name, [Fault("planningProblem", problem, f"must be one of {', '.join(map(str, chosen))}")])
-    file = CommonRoadFile(name, world, chosen[next(iter(chosen)) if problem is None else problem])
-    kinds, start = {"position": (2,), "orientation": (), "velocity": ()}, file.problem.initial_state
+    found = chosen[next(iter(chosen)) if problem is None else problem]
+    kinds, start = {"position": (2,), "orientation": (), "velocity": ()}, found.initial_state
     unknown = [key for key, shape in kinds.items() if not _is_exact(getattr(start, key, None), shape)]
     if unknown:
         text = "must be known exactly"
         raise ScenarioError(name, [Fault(f"initialState.{key}", MISSING, text) for key in unknown])
-    return file
+    step, (x, y) = float(world.dt), map(float, start.position)
+    begin, heading, speed = step * start.time_step, float(start.orientation), float(start.velocity)
+    return CommonRoadFile(name, world, found, step, begin, (x, y), heading, speed)
 
 
 def _is_exact(value: Any, shape: tuple[int, ...]) -> bool:

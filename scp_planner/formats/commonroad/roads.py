@@ -17,21 +17,13 @@ Point = tuple[float, float]
 
 GUIDE_STEP = 3.0  # m of the file, between points of the guide, which would else show the kinks of the centre lines
 CHANGE_COST = 30.0  # m of the file: of way that a change of lanes is worth
-CHANGE_MARGIN = 0.2
-"""Part of a lane, before it is left and after it is reached, in which the guide is on its way to the next one."""
-
+CHANGE_MARGIN = 0.2  # part of a lane, before and after a change, in which the guide keeps to it
 WRONG_WAY = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
 DRAWN_IN = 0.015  # widths of the vehicle by which borders are drawn in, and corners cut off on the way
 GAP = 0.1  # widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them
-SEEN_GAP = 1e-6
-"""m of the file, its precision: the official checker notices a car in wider gaps between lanes not side by side."""
-
-THICKNESS = 1.5
-"""Widths of the vehicle, of a wall where nothing is in its way; half as much, again and again, where something is."""
-
-MOST_TURN = 0.5 * math.pi
-"""rad, of the border along one wall: where it turns to the right what lies beside it is convex."""
-
+SEEN_GAP = 1e-6  # m, the file's precision: the official checker notices wider gaps between lanes not side by side
+THICKNESS = 1.5  # widths of the vehicle, of a wall; half as much, again and again, where something is in its way
+MOST_TURN = 0.5 * math.pi  # rad, of the border along one wall: where it turns to the right what lies beside is convex
 HALVINGS = 10
 SHORTEST = 1e-3  # widths of the vehicle; shorter edges of borders are none
 

@@ -1,4 +1,9 @@
-"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads."""
+"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads.
+
+A solution is the plan's states at the steps of the scenario's file. States of KS and KST carry the steering angle,
+which is that of the plan's curvature (next to nothing beside it, where the checker would not find the inputs), and KST
+the angle of the trailer, integrated from a straight one at the start.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +21,7 @@ from scp_planner.formats.commonroad.checker import HEADING, SPEED, STEERING, sho
 from scp_planner.formats.commonroad.reading import read_commonroad
 from scp_planner.planning.plan import Plan
 
-COSTS = ("JB1", "SM1", "WX1")
-"""Cost functions that solutions are submitted for: the time alone; comfort; time and comfort."""
-
+COSTS = ("JB1", "SM1", "WX1")  # that solutions are submitted for: the time alone; comfort; time and comfort
 HITCH_STEPS = 20  # to a step of the file, of the integral of the trailer's angle
 
 
@@ -72,14 +75,10 @@ def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car)
         ]
     steering = shown[:, STEERING]
     shared = [
-        {
-            "time_step": k,
-            "position": place,
-            "steering_angle": float(angle),
-            "velocity": float(v),
-            "orientation": float(turn),
-        }
-        for k, place, angle, v, turn in zip(steps, places, steering, speed, heading, strict=True)
+        {"time_step": k, "position": place, "steering_angle": angle, "velocity": v, "orientation": turn}
+        for k, place, angle, v, turn in zip(
+            steps, places, *(x.tolist() for x in (steering, speed, heading)), strict=True
+        )
     ]
     if model is VehicleModel.KS:
         return [state.KSState(**each) for each in shared]
