@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -21,22 +20,6 @@ if TYPE_CHECKING:
     from scp_planner.trips.samples import SampledTrajectory
 
 
-class BenchmarkModel(StrEnum):
-    """Models of motion of the benchmark."""
-
-    PM = "PM"
-    KS = "KS"
-    KST = "KST"
-
-
-class BenchmarkCost(StrEnum):
-    """Cost functions of the benchmark."""
-
-    JB1 = "JB1"
-    SM1 = "SM1"
-    WX1 = "WX1"
-
-
 @dataclass(frozen=True)
 class SolutionOptions:
     file: Annotated[
@@ -44,13 +27,15 @@ class SolutionOptions:
         typer.Option("--commonroad-solution", help="Plan for a model of CommonRoad, and write the solution file, XML."),
     ] = None
     model: Annotated[
-        BenchmarkModel,
+        Literal["PM", "KS", "KST"],
         typer.Option("--commonroad-model", help="PM: point mass; KS: kinematic single track; KST: with a trailer."),
-    ] = BenchmarkModel.PM
+    ] = "PM"
     cost: Annotated[
-        BenchmarkCost,
-        typer.Option("--commonroad-cost", help="What the solution is submitted for; plans are fast for each."),
-    ] = BenchmarkCost.JB1
+        Literal["JB1", "SM1", "WX1"],
+        typer.Option(
+            "--commonroad-cost", help="JB1, SM1 or WX1, which the solution is submitted for; plans are fast for each."
+        ),
+    ] = "JB1"
 
     def check(self, scenario_file: str, method: PlanningMethod) -> None:
         """Refuse a solution file before planning that could not be written after it."""
@@ -69,7 +54,7 @@ class SolutionOptions:
         from scp_planner.formats.commonroad.planning import plan_commonroad, road_settings
         from scp_planner.formats.commonroad.reading import load_commonroad
 
-        model, settings = self.model.value, None
+        model, settings = self.model, None
         if values:
             settings = replace(road_settings(load_commonroad(scenario_file, model=model)), **values)
         return plan_commonroad(scenario_file, model=model, settings=settings, time_limit=time_limit)
@@ -81,7 +66,7 @@ class SolutionOptions:
         if not made.certified or self.file is None:
             return
         try:
-            export_commonroad_solution(made, scenario_file, self.file, model=self.model.value, cost=self.cost.value)
+            export_commonroad_solution(made, scenario_file, self.file, model=self.model, cost=self.cost)
         except ValueError as error:
             raise bad_option("--commonroad-solution", self.file, str(error)) from error
 

@@ -210,8 +210,6 @@ NOT_GIVEN = {
     "scp_planner.solvers.interface.SolverStatus",
     "scp_planner.studies.consistency.Fit",
     "scp_planner.studies.field.ZoneKind",
-    "scp_planner.cli.commonroad.BenchmarkModel",
-    "scp_planner.cli.commonroad.BenchmarkCost",
     "scp_planner.formats.commonroad.cars.VehicleModel",  # words that the reader of CommonRoad refuses by itself
 }
 """Outcomes and labels, which nobody sets."""

@@ -119,24 +119,7 @@ class _Job:
 
 
 def scenario_planned(path: str | PathLike[str], plan: Plan) -> Scenario:
-    """Read the scenario of a CommonRoad file that a plan was made for.
-
-    Parameters
-    ----------
-    path : path
-        XML file.
-    plan : Plan
-        If it is for no model of CommonRoad, the scenario is that of `load_commonroad`.
-
-    Returns
-    -------
-    Scenario
-
-    Raises
-    ------
-    ScenarioError, ValueError, ImportError, OSError
-        As `load_commonroad`; also if the plan names a model, car, problem or goal state that is not there.
-    """
+    """Read the scenario of a CommonRoad file that a plan was made for, or else that of `load_commonroad`."""
     told = plan.commonroad
     if told is None:
         return scenario_of(read_commonroad(path))

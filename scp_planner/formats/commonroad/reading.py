@@ -1,17 +1,9 @@
 """Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files.
 
-What becomes what:
-
-- each obstacle's recorded states: a course, ``motion: {time, position, heading}``; one that hardly moves stands where
-  it begins; a prediction by sets: a course of their middles, with a shape that covers each of them;
-- rectangles and discs: the same; other shapes: the convex polygon around them, as they lie at first;
-- the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
-  speeds and times; a goal of time alone is a place so far ahead on the lane;
-- the lanes from start to goal: the guide, along their centre lines;
-- the borders of the road: walls; those of lanes: lines in pictures;
-- for a model of the benchmark's: its car, as the official checker looks at it.
-
-Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
+Recorded states become courses, predictions by sets courses of their middles with a shape that covers each, the lanes from
+start to goal the guide, borders of the road walls, and the goal its region where the route comes to it; a goal of time
+alone becomes a place so far ahead on the lane. Not taken over are the rules of traffic. After its last state an
+obstacle goes straight on.
 """
 
 from __future__ import annotations
