@@ -75,9 +75,7 @@ def scenario_of(scenario_file: str, trip: Plan | SampledTrajectory) -> Scenario 
     """Load the scenario that a trip was planned for, if it is a plan for a model of CommonRoad."""
     from scp_planner.planning.plan import Plan
 
-    if not isinstance(trip, Plan) or trip.commonroad is None:
-        return None
-    if not scenario_file.lower().endswith(COMMONROAD_SUFFIX):
+    if not isinstance(trip, Plan) or trip.commonroad is None or not scenario_file.lower().endswith(COMMONROAD_SUFFIX):
         return None
     from scp_planner.formats.commonroad.planning import scenario_planned
 

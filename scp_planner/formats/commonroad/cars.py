@@ -64,8 +64,9 @@ CARS = {  # by the names of commonroad-io
 }
 
 
-def car_named(name: str, model: VehicleModel) -> Car:
-    """Return a car that a model is made for."""
+def car_named(name: str | None, model: VehicleModel) -> Car:
+    """Return a car that a model is made for; None: the default one."""
+    name = name or default_car(model)
     if name not in CARS:
         raise ValueError(f"car: must be one of {', '.join(CARS)}, not {name!r}")
     car = CARS[name]
@@ -80,11 +81,6 @@ def car_named(name: str, model: VehicleModel) -> Car:
 def default_car(model: VehicleModel) -> str:
     """Return the name of the car that a model is planned with where none is named."""
     return "TRUCK" if model is VehicleModel.KST else "BMW_320i"
-
-
-def body_of(name: str | None, model: VehicleModel) -> Car:
-    """Return a car that a model is made for; None: the default one."""
-    return car_named(name or default_car(model), model)
 
 
 def centre_of(car: Car, model: VehicleModel) -> float:
@@ -104,13 +100,10 @@ def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict
         "max_curvature": keep * math.tan(car.steering_angle) / car.wheelbase,
         "max_total_acceleration": keep * car.acceleration,
     }
-    if model is VehicleModel.PM:
-        return vehicle
-    return {
-        **vehicle,
-        "max_power": keep * car.acceleration * car.switching_speed,
-        "max_curvature_rate": keep * car.steering_rate / car.wheelbase,
-    }
+    if model is not VehicleModel.PM:
+        vehicle["max_power"] = keep * car.acceleration * car.switching_speed
+        vehicle["max_curvature_rate"] = keep * car.steering_rate / car.wheelbase
+    return vehicle
 
 
 def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str, float]:
@@ -134,10 +127,9 @@ def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str
 
 
 def _covered(car: Car, centre: float, count: int) -> dict[str, Any]:
-    """Equal discs that cover the rectangle of a car, seen from its reference point, one of them there."""
+    """Equal discs that cover the rectangle of a car, seen from its reference point, and one there."""
     share = car.length / count
     offsets = [centre + share * (k - 0.5 * (count - 1)) for k in range(count)]
-    # The reference point gets its disc by moving the nearest one of them, if the others then still cover the length.
     nearest = min(range(count), key=lambda k: abs(offsets[k]))
     if abs(offsets[nearest]) < 1e-9 * car.length:
         offsets[nearest] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from scipy.integrate import odeint
@@ -36,17 +37,10 @@ def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
     return np.column_stack([plan.position(times), steering, plan.speed(times), heading])
 
 
-def shown_states(plan: Plan, step: float, model: VehicleModel, car: Car, orientation: float) -> Array | None:
-    """Return the states of a plan between which the checker finds inputs of a model; None if it would not."""
-    return joined(axle_states(plan, step, car, orientation), step, model, car)
-
-
 def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array | None:
     """Return states between which the checker finds inputs: some with a steering angle changed by next to nothing."""
     shown = states.copy()
-
-    def leads(before: Array, after: Array) -> bool:
-        return found(before, after, step, model, car)
+    leads = partial(found, step=step, model=model, car=car)
 
     for k in range(len(shown) - 1):
         if leads(shown[k], shown[k + 1]):

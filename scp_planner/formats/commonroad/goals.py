@@ -33,12 +33,8 @@ class GoalState:
 
     def fields(self) -> dict[str, Any]:
         """Fields of a scenario's goal, but for where it is."""
-        return {
-            "earliest_arrival": self.earliest,
-            "latest_arrival": self.latest,
-            "speed_range": self.speed,
-            "heading_range": self.heading,
-        }
+        times = {"earliest_arrival": self.earliest, "latest_arrival": self.latest}
+        return {**times, "speed_range": self.speed, "heading_range": self.heading}
 
 
 def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:

@@ -71,12 +71,8 @@ def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> Driven
     table = np.array(poses)
     headings = table[:, 2]
     along = np.stack([np.cos(headings), np.sin(headings)], axis=1)
-    return DrivenLine(
-        table[:, :2],
-        headings,
-        table[:, :2] + car.ahead * along,
-        np.linspace(0.0, stride * (len(table) - 1), len(table)),
-    )
+    stations = np.linspace(0.0, stride * (len(table) - 1), len(table))
+    return DrivenLine(table[:, :2], headings, table[:, :2] + car.ahead * along, stations)
 
 
 def _continued(line: Array, step: float, length: float) -> Array:

@@ -12,8 +12,8 @@ from typing import Any
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
-from scp_planner.formats.commonroad.cars import FEWEST_DISCS, Car, VehicleModel, body_of, default_car, softer
-from scp_planner.formats.commonroad.checker import SPEED, axle_states, shown_states
+from scp_planner.formats.commonroad.cars import FEWEST_DISCS, Car, VehicleModel, car_named, default_car, softer
+from scp_planner.formats.commonroad.checker import SPEED, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
 from scp_planner.formats.commonroad.reading import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.planning.offline import planned
@@ -84,7 +84,7 @@ class _Job:
     @property
     def body(self) -> Car:
         """The car that is moved."""
-        return body_of(self.car, VehicleModel(self.model))
+        return car_named(self.car, VehicleModel(self.model))
 
     @property
     def left(self) -> float:
@@ -148,10 +148,10 @@ def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     for part in SOFTER:
         if not made.plan.certified or job.left <= 0.0:
             break
-        if shown_states(made.plan, step, model, job.body, start) is not None:
+        states = axle_states(made.plan, step, job.body, start)
+        if joined(states, step, model, job.body) is not None:
             break
-        fastest = float(axle_states(made.plan, step, job.body, start)[:, SPEED].max())
-        again = job.again(replace(trial, soft=softer(vehicle, step, fastest, part)), made)
+        again = job.again(replace(trial, soft=softer(vehicle, step, float(states[:, SPEED].max()), part)), made)
         made = again if again.plan.certified else made
     return made
 

@@ -1,9 +1,8 @@
 """Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files.
 
-Recorded states become courses, predictions by sets courses of their middles with a shape that covers each, the lanes from
-start to goal the guide, borders of the road walls, and the goal its region where the route comes to it; a goal of time
-alone becomes a place so far ahead on the lane. Not taken over are the rules of traffic. After its last state an
-obstacle goes straight on.
+Recorded states become courses, predictions by sets courses of their middles with a shape that covers each, lanes from
+start to goal the guide, and borders of the road walls; a goal of time alone becomes a place so far ahead on the lane.
+The rules of traffic are not taken over. After its last state an obstacle goes straight on.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.formats.commonroad import lines, roads
-from scp_planner.formats.commonroad.cars import FEWEST_DISCS, VehicleModel, body_of, centre_of, swerving, vehicle_of
+from scp_planner.formats.commonroad.cars import FEWEST_DISCS, VehicleModel, car_named, centre_of, swerving, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
 from scp_planner.formats.commonroad.lines import point_ahead, rectangle
 from scp_planner.formats.commonroad.obstacles import obstacles_of, touched_by
@@ -169,7 +168,7 @@ def scenario_of(
 
 def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fewest: int) -> Scenario:
     """The scenario of a car of the benchmark, covered by as many discs as it takes to touch nothing at the start."""
-    file, body = reader.file, body_of(car, model)
+    file, body = reader.file, car_named(car, model)
     if model is VehicleModel.PM and abs(file.heading) > math.pi:
         text = "the official checker compares headings as numbers, and those of a point mass are in [-pi, pi]"
         raise file.refused("initialState.orientation", file.heading, text)

@@ -179,9 +179,6 @@ def spaced(points: Array, step: float) -> Array:
     return placed
 
 
-# Borders
-
-
 def drivable(network: Any, line: Array, reach: float, width: float, gap: float) -> Any:
     """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little."""
     around, inwards = _about(line, reach), DRAWN_IN * width

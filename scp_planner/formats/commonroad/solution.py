@@ -16,8 +16,8 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
-from scp_planner.formats.commonroad.cars import Car, VehicleModel, body_of, centre_of, default_car
-from scp_planner.formats.commonroad.checker import HEADING, SPEED, STEERING, shown_states, velocities
+from scp_planner.formats.commonroad.cars import Car, VehicleModel, car_named, centre_of, default_car
+from scp_planner.formats.commonroad.checker import HEADING, SPEED, STEERING, axle_states, joined, velocities
 from scp_planner.formats.commonroad.reading import read_commonroad
 from scp_planner.planning.plan import Plan
 
@@ -37,7 +37,7 @@ def export_commonroad_solution(
 ) -> None:
     """Write a plan as a solution file."""
     moved = VehicleModel.named(model)
-    name, body = car or default_car(moved), body_of(car, moved)
+    name, body = car or default_car(moved), car_named(car, moved)
     if cost not in COSTS:
         raise ValueError(f"cost: must be one of {', '.join(COSTS)}, not {cost!r}")
     file = read_commonroad(commonroad_file, problem)
@@ -45,7 +45,7 @@ def export_commonroad_solution(
     from commonroad.scenario.trajectory import Trajectory
 
     first = int(file.problem.initial_state.time_step)
-    shown = shown_states(plan, file.step, moved, body, file.heading)
+    shown = joined(axle_states(plan, file.step, body, file.heading), file.step, moved, body)
     if shown is None:
         raise ValueError("plan: the official checker would not find the inputs between its states")
     states = _states(plan, shown, first, moved, body)
