@@ -15,7 +15,7 @@ ARMIJO = 1e-4
 
 
 class Minimisation(Protocol):
-    """What is minimised, where, and how."""
+    """A minimisation: function, start and minimiser."""
 
     settings: DescentSettings
     lower: Array  # (K,)

@@ -23,8 +23,6 @@ FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked a
 
 @dataclass(frozen=True)
 class EndConditions:
-    """Which control points of the offset are fixed, and the wanted speed at the goal."""
-
     theta: Array  # (K1,): fixed values where ``free`` excludes them, m
     free: slice  # the free control points
     goal_speed: float | None  # m/s

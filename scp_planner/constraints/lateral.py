@@ -95,8 +95,6 @@ class _Basis:
 
 @dataclass(frozen=True)
 class Look:
-    """Where the lateral acceleration of a trip is limited."""
-
     stations: StationSites  # the fixed ones
     peaks: StationSites  # stations between them, around peaks
     jumps: TripPoints | None  # where the acceleration jumps: the speed peaks there

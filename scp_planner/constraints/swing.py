@@ -16,8 +16,6 @@ def disc_positions(path: PathPoints, offset: float | Array) -> Array:
 
 @dataclass(frozen=True)
 class Swing:
-    """How the centre of a disc moves with the offset of the path."""
-
     across: Array  # (n, 2): the path's normal N
     value: Array  # (n,): derivative of the direction of the path by f
     slope: Array  # (n,): derivative of it by f'

@@ -31,8 +31,6 @@ SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
 
 @dataclass(frozen=True)
 class Ground:
-    """Where may be driven whenever, and how fast."""
-
     standing: ZoneBatch  # zones that neither move nor grow
     box: Box
     line: Line  # the guide of the scenario, in the planning frame

@@ -17,8 +17,6 @@ from scp_planner.scp.subproblem import Subproblem
 
 @dataclass(frozen=True)
 class Candidate:
-    """Where the step of one iteration leads."""
-
     evaluation: Evaluation  # of the trip that the step leads away from, as long as it has not been looked at where to
     predicted: float  # decrease of the merit by the model, s
     actual: float  # decrease of the merit in truth, s

@@ -33,7 +33,7 @@ class ArrivalSteps:
         return _step_after(travel_time, self.step) * self.step
 
     def as_good(self, trip: Evaluation, sooner: float, parameters: LoopParameters) -> bool:
-        """Whether a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one."""
+        """True if a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one."""
         time = trip.trajectory.travel_time
         if trip.worst_violation > parameters.grave or self.after(time) > self.latest:
             return False

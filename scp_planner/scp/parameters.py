@@ -10,14 +10,6 @@ from scp_planner.scp.record import FEASIBILITY
 
 @dataclass(frozen=True)
 class LoopParameters:
-    """Parameters of the loop.
-
-    The experiment: plan the 123 scenarios of ``benchmarks.planning`` with each down to ``hope``, but for ``steered``,
-    halved, and doubled. None of these loses a certificate or makes more than one trip slower or faster by 0.1 %. In
-    brackets are the changes of the iterations, in percent, of those that change them by 1 or more. What has none is
-    there for runs that fail, of which the reference scenarios have hardly any; what follows ``hope`` was not tried.
-    """
-
     first_trust: TrustRegion = field(default=TrustRegion(theta=1.0, beta=3.0, rho=0.3))  # of a run (+4, +1)
     # Of that, where the rate of the curvature is limited: it goes by third derivatives of the path, of which large
     # steps make so much that they are rejected one after the other

@@ -33,10 +33,7 @@ def trip_after(problem: Problem, trajectory: Trajectory, z: Array) -> Trajectory
 
 
 class Projection:
-    """Onto what every step must keep: speed, acceleration, a user's constraints.
-
-    From a trip that breaks them short steps would have nowhere to go.
-    """
+    """Onto what every step must keep: speed, acceleration, a user's constraints."""
 
     def __init__(self, problem: Problem, drive: DriveRows, solver: StepSolver, parameters: LoopParameters) -> None:
         self.problem = problem

@@ -27,8 +27,6 @@ MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arriv
 
 @dataclass
 class ActiveSet:
-    """Which constraints were active in the last subproblem: the guess for the next one."""
-
     step: NDArray[np.int8]  # (n,): of the bounds of the step: -1 at the lower one, +1 at the upper one, 0 inactive
     hard: NDArray[np.int8]  # (h,): of the hard rows
     keys: Index  # (k,): sorted keys of the active rows that may be violated at a price

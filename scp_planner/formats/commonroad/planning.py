@@ -105,7 +105,6 @@ class _Job:
         return CommonRoadPlan(scenario, replace(made, commonroad=self.told(trial)))
 
     def told(self, trial: _Trial) -> dict[str, Any]:
-        """What a plan says of what it was planned for."""
         car, problem = self.car or default_car(VehicleModel(self.model)), self.file.problem.planning_problem_id
         told = {"model": self.model, "car": car, "problem": problem, "discs": trial.discs, **asdict(trial.aim)}
         return {**told, "turn": None if trial.aim.turn == inf else trial.aim.turn}

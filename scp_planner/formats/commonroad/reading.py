@@ -1,9 +1,4 @@
-"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files.
-
-Recorded states become courses, predictions by sets courses of their middles with a shape that covers each, lanes from
-start to goal the guide, and borders of the road walls; a goal of time alone becomes a place so far ahead on the lane.
-The rules of traffic are not taken over. After its last state an obstacle goes straight on.
-"""
+"""Scenarios of CommonRoad, the benchmark collection of M. Althoff et al. (IV 2017), read from their XML files."""
 
 from __future__ import annotations
 

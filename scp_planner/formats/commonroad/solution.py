@@ -1,9 +1,4 @@
-"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads.
-
-A solution is the plan's states at the steps of the scenario's file. States of KS and KST carry the steering angle,
-which is that of the plan's curvature (next to nothing beside it, where the checker would not find the inputs), and KST
-the angle of the trailer, integrated from a straight one at the start.
-"""
+"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads."""
 
 from __future__ import annotations
 
