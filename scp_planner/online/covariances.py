@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.scenario.obstacle_checks import SYMMETRY
 
-LEAST_DEVIATION = 1e-6
-"""Least standard deviation that is used, in units of the scene."""
+LEAST_DEVIATION, MOST_DEVIATION = 1e-5, 1e2
+"""Least and largest standard deviation that are used, in units of the scene: beside one another in one estimate, their
+squares leave some digits. What is less exact than the largest one may be anywhere on the trip all the same."""
 FLATTEST = 1e-8
 """Least eigenvalue of a correlation matrix that is used."""
 
@@ -29,14 +30,17 @@ def square_matrix(value: ArrayLike, size: int) -> Array:
 
 def repaired(matrix: Array, units: ArrayLike) -> Array:
     """Covariance that is symmetric and positive definite."""
-    least = LEAST_DEVIATION * np.repeat(np.asarray(units, dtype=float), 2)
+    kinds = np.repeat(np.asarray(units, dtype=float), 2)
+    least, most = LEAST_DEVIATION * kinds, MOST_DEVIATION * kinds
     scale = np.maximum(_largest_of_kind(matrix), least)
     unlike = np.abs(matrix - matrix.T) / np.outer(scale, scale)
     if (unlike > SYMMETRY).any():
         i, j = np.unravel_index(int(np.argmax(unlike)), unlike.shape)
         pair = f"its entries [{i}][{j}] = {matrix[i, j]!r} and [{j}][{i}] = {matrix[j, i]!r}"
         raise ValueError(f"covariance: {matrix.tolist()} is not symmetric: {pair} must be the same")
-    return _definite(0.5 * (matrix + matrix.T), scale, least)
+    found = _definite(0.5 * (matrix + matrix.T), scale, least)
+    shrunk = np.minimum(1.0, most / np.sqrt(np.diag(found)))
+    return found * np.outer(shrunk, shrunk)
 
 
 def _largest_of_kind(matrix: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 
 from scp_planner.arrays import Array
@@ -19,6 +19,7 @@ from scp_planner.scenario.motions import GivenMotion, moves, timed
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import SceneOnlineSettings
+from scp_planner.threat_zones.of_scenario import HORIZON
 
 MOST_NOTES = 100
 MOST_GONE = 100_000
@@ -35,6 +36,10 @@ class Sighting:
     time: float  # s
     position: tuple[float, float]  # m
     covariance: Array | None  # (2, 2) m2
+
+    def at(self, time: float) -> Sighting:
+        """As if seen at another time, s."""
+        return replace(self, time=time)
 
 
 @dataclass(frozen=True)
@@ -112,7 +117,21 @@ class Inbox:
             else:
                 if self.stamps.in_time(one):
                     self._note(one, "it came after one with a later stamp, which is dropped")
-                yield one
+                if one.time >= self.stamps.now - HORIZON:
+                    yield one
+                elif self._is_news(one):
+                    yield one.at(self.stamps.now - HORIZON)
+
+    def _is_news(self, one: Sighting | Update) -> bool:
+        """Whether anything older than zones reach is worth knowing, since nothing newer is: then it is all there is."""
+        track = self.obstacles.tracks.get(one.obstacle)
+        if track is not None and (track.fixed is not None or track.newest > self.stamps.now - HORIZON):
+            self._note(one, "it is older than anything is foretold, and left out")
+            return False
+        self._note(one, "it is older than anything is foretold, and taken for as old as that")
+        if track is not None and track.seen:
+            self.remove(one.obstacle, -math.inf)
+        return True
 
     def _hold(self, one: Sighting | Update) -> None:
         if self.stamps.hold(one):

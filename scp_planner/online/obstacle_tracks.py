@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.errors import EstimationError
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
@@ -19,6 +20,7 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
+from scp_planner.online.histories import remember
 from scp_planner.online.many_zones import Level
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
@@ -92,7 +94,7 @@ class ObstacleTracks:
             elif obstacle.estimate is not None:
                 track.follow(obstacle.estimate)
             elif obstacle.observations is not None:
-                _remember(track, obstacle.observations)
+                remember(track, obstacle.observations)
                 together.append(track)
         self._learn_together([track for track in together if track.simple and self.watch.alarm_probability > 0.0])
         for track in together:
@@ -322,7 +324,11 @@ class ObstacleTracks:
         return found.suspicions(self.watch.changes).among(some, len(tracks), LEFT_OUT * level.alpha)
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
-        estimate = track.estimate(self.newcomers)
+        try:
+            estimate = track.estimate(self.newcomers)
+        except EstimationError:
+            track.begin_again(self.newcomers, self._make)
+            estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             return estimate.with_manoeuvre(self.allowance.now)
         return estimate
@@ -331,7 +337,7 @@ class ObstacleTracks:
         """Zones of tracks, each from an estimate of its own."""
         estimates = [self._estimate(track) for track in tracks]
         foretell(estimates, start, HORIZON)
-        made = [self._plain(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
+        made = [self._computed(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
         if self.sizes is None:
             return made
         # what a zone with its heading allows for is no covariance of a position alone
@@ -343,6 +349,15 @@ class ObstacleTracks:
             tracks[k].zone = None if zone is made[k] else zone
             made[k] = zone
         return made
+
+    def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> ThreatZone:
+        """The zone of one track, of its newest observation alone where what was seen makes no zone."""
+        try:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                return self._plain(track, estimate, *more)
+        except EstimationError:
+            track.begin_again(self.newcomers, self._make)
+            return self._plain(track, self._estimate(track), *more)
 
     def _plain(
         self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level, headings: bool
@@ -424,19 +439,6 @@ class ObstacleTracks:
             model = model.model_copy(update={"prior": prior})
         seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
-
-
-def _remember(track: ObstacleTrack, seen: Observations) -> None:
-    """Put down what has been seen of an obstacle."""
-    each: list[Array | None] = [None] * len(seen.time)
-    if seen.covariance is not None:
-        given = np.array(seen.covariance)
-        given = 0.5 * (given + given.swapaxes(-1, -2))  # but for rounding it is the same
-        if given.ndim == 3:
-            track.varying, each = True, list(given)
-        else:
-            track.covariance = given
-    track.times, track.positions, track.covariances = list(seen.time), list(seen.position), each
 
 
 def _matrix(values: Array) -> tuple[Vector, Vector]:

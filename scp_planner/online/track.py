@@ -222,6 +222,11 @@ class ObstacleTrack:
         return self.fixed is not None or bool(self.times)
 
     @property
+    def newest(self) -> float:
+        """Time of the newest observation, s."""
+        return self.times[-1] if self.times else -math.inf
+
+    @property
     def uncertain(self) -> bool:
         """True if where it is is not known exactly."""
         return is_uncertain(self.fixed)
@@ -345,6 +350,13 @@ class ObstacleTrack:
         self.covariances = [one.covariance for one in suspects]
         self.newcomer, self.predicted, self.suspects = True, None, []
         self.relearn(newcomers, make)
+
+    def begin_again(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+        """Forget all but the newest observation: no estimate can be computed from all of them."""
+        logger.info("obstacle %s: learnt anew, no motion can be estimated from what was seen", self.id)
+        self.given, self.varying = None, self.covariances[-1] is not None
+        self.suspects = [Seen(self.times[-1], self.positions[-1], self.covariances[-1])]
+        self.learn_anew(newcomers, make)
 
     def _update(self, estimator: TrackEstimator, one: Seen, newcomers: SceneNewcomers) -> None:
         try:

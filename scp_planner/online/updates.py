@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.motions import GivenMotion
+from scp_planner.scenario.units import changed
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,10 @@ class Update:
     @property
     def time(self) -> float:
         return self.given.time
+
+    def at(self, time: float) -> Update:
+        """As if it were of another time, s."""
+        return replace(self, given=changed(self.given, time=time))
 
     def taken_in(self, obstacles: ObstacleTracks) -> str | None:
         """Let the obstacles take it in; say what is wrong with it, if it was not used."""
