@@ -182,13 +182,16 @@ def _common_fit(rows: Array, z: Array, weights: Array | None) -> tuple[Array, Ar
 
 @dataclass(frozen=True)
 class Extent:
+    """Size of the observed positions, by which the noise that residuals show is told from rounding."""
+
     square: float  # Weighted sum of their squared distances from the origin, m^2
     origin: Array  # (2,) One of them, m
+    known: float = 0.0  # Least standard deviation that is known otherwise, m
 
     def least_variance(self, count: float) -> float:
         """Smallest variance that can be estimated from so many observations, m^2."""
         rounding = LAST_DIGITS * float(np.abs(self.origin).max())
-        return LEAST_NOISE**2 * self.square / count + rounding * rounding
+        return LEAST_NOISE**2 * self.square / count + rounding * rounding + self.known * self.known
 
 
 def estimated_noise(scatter: Array, moments: Moments, noise: Noise, extent: Extent) -> tuple[Array, ErrorLaw]:

@@ -262,6 +262,7 @@ def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
     return np.asarray(deviation**2 / least * noise)
 
 
+@np.errstate(invalid="ignore", divide="ignore")  # of what is no covariance, by rounding, it is not a number
 def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
     """Give E[(u' Lambda u)^1/2], with Lambda the covariance of the standardised error's rate given the error."""
     # Lambda = L^-1 (rate - cross' error^-1 cross) L^-T with Cholesky's factor L = ((a, 0), (b, c)) of the error,

@@ -55,6 +55,8 @@ class Innovations:
 class RecursiveEstimator:
     """Polynomial motions of K obstacles, each updated in O(1) by each of its observations."""
 
+    least_deviation: float = 0.0  # Of a noise that is estimated, besides those of `estimated_noise`, m
+
     def __init__(
         self,
         obstacles: int = 1,
@@ -343,7 +345,8 @@ class RecursiveEstimator:
             square = float(self._weights[1, k] - 2.0 * np.trace(third) + np.sum(second * second))
             moments = Moments(expected, expected**2 / square)
         told = self._factor[:, self._unknowns :, k]
-        extent = Extent(float(np.sum(told * told) + np.trace(self._scatter[..., k])), self._origin[k])
+        square = float(np.sum(told * told) + np.trace(self._scatter[..., k]))
+        extent = Extent(square, self._origin[k], self.least_deviation)
         return estimated_noise(self._scatter[..., k], moments, Noise.GENERAL, extent)
 
     def _spread(self, k: int, inverse: Array) -> Array:

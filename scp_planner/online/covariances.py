@@ -36,7 +36,7 @@ def repaired(matrix: Array, units: ArrayLike) -> Array:
     unlike = np.abs(matrix - matrix.T) / np.outer(scale, scale)
     if (unlike > SYMMETRY).any():
         i, j = np.unravel_index(int(np.argmax(unlike)), unlike.shape)
-        pair = f"its entries [{i}][{j}] = {matrix[i, j]!r} and [{j}][{i}] = {matrix[j, i]!r}"
+        pair = f"its entries [{i}][{j}] = {float(matrix[i, j])!r} and [{j}][{i}] = {float(matrix[j, i])!r}"
         raise ValueError(f"covariance: {matrix.tolist()} is not symmetric: {pair} must be the same")
     found = _definite(0.5 * (matrix + matrix.T), scale, least)
     shrunk = np.minimum(1.0, most / np.sqrt(np.diag(found)))

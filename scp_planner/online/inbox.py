@@ -129,9 +129,15 @@ class Inbox:
             self._note(one, "it is older than anything is foretold, and left out")
             return False
         self._note(one, "it is older than anything is foretold, and taken for as old as that")
-        if track is not None and track.seen:
-            self.remove(one.obstacle, -math.inf)
         return True
+
+    def _afresh(self, name: str) -> None:
+        """Begin a track again that has seen nothing for longer than anything is foretold, if it is such a one."""
+        track = self.obstacles.tracks[name]
+        if track.times and track.newest <= self.stamps.now - HORIZON:
+            self.obstacles.remove(name)
+            margin = track.margin - self.obstacles.margin
+            self.obstacles.add_unseen(name, track.shape, track.model, margin, track.covariance)
 
     def _hold(self, one: Sighting | Update) -> None:
         if self.stamps.hold(one):
@@ -173,6 +179,8 @@ class Inbox:
         some = [one for name, one in frame.items() if self._returned(name, one.time)]
         if not some:
             return
+        for one in some:
+            self._afresh(one.obstacle)
         seen = [Seen(one.time, one.position, one.covariance) for one in some]
         said = sensor_frames.take_in(self.obstacles, [one.obstacle for one in some], seen)
         for one, fault in zip(some, said, strict=True):

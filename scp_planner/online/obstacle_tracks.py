@@ -353,8 +353,7 @@ class ObstacleTracks:
     def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> ThreatZone:
         """The zone of one track, of its newest observation alone where what was seen makes no zone."""
         try:
-            with np.errstate(invalid="ignore", divide="ignore"):
-                return self._plain(track, estimate, *more)
+            return self._plain(track, estimate, *more)
         except EstimationError:
             track.begin_again(self.newcomers, self._make)
             return self._plain(track, self._estimate(track), *more)

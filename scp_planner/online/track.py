@@ -20,6 +20,7 @@ from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
+from scp_planner.online.covariances import LEAST_DEVIATION
 from scp_planner.online.foretold import KEPT, Prediction
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
@@ -101,6 +102,7 @@ class PolynomialTrack(TrackEstimator):
         self._varying = varying
         given = None if varying else covariance
         self._recursive = RecursiveEstimator(1, order, given, varying=varying)
+        self._recursive.least_deviation = LEAST_DEVIATION
 
     def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
         """Take in an observation; its covariance matters if it varies."""

@@ -17,6 +17,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.least_squares import MotionPrior
+from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.scenario.models import Obstacle
 
 pytestmark = pytest.mark.numerics
@@ -335,3 +336,38 @@ class TestObstacles:
         still.model = SimpleNamespace(order=2, prior=None, process=None)
         with pytest.raises(EstimationError, match="obstacle 'c': observations: 1 are too few"):
             estimate_obstacle(still)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e4])
+@pytest.mark.parametrize("place", [0.0, 1e5])
+@pytest.mark.parametrize("bend", ["straight", "on a line", "rounding"])
+def test_exact_positions_give_a_covariance_that_nothing_divides_by_zero_with(
+    scale: float, place: float, bend: str
+) -> None:
+    times = 0.25 * np.arange(20)
+    along = times + (0.0 if bend == "straight" else 0.1) * np.exp(-times)
+    if bend == "rounding":
+        along = np.round(along, 6)
+    positions = scale * (place + np.outer(along, [0.6, 0.8]))
+    found = estimate_motion(times, positions, order=1)
+    values = np.linalg.eigvalsh(found.noise_covariance)
+    residuals = positions - found.position(times)
+    assert values[1] >= (residuals**2).sum() / (len(times) - 2) * (1.0 - 1e-6)
+    assert values[0] >= 0.99e-4 * values[1] > 0.0
+    assert np.sqrt(values[1]) < scale * (0.05 if bend != "straight" else 1e-5 + 1e-12 * place)
+    freer = found.with_manoeuvre(0.1 * scale)
+    assert np.isfinite(freer.covariance(times[-1] + 1.0)).all()
+    recursive = RecursiveEstimator(1, 1)
+    for time, position in zip(times, positions, strict=True):
+        recursive.update(time, position[None])
+    same = recursive.estimate()
+    assert same.noise_covariance == pytest.approx(found.noise_covariance, rel=1e-3, abs=1e-3 * float(values[0]))
+
+
+def test_a_noise_that_shows_is_estimated_as_it_is() -> None:
+    rng, times = np.random.default_rng(0), 0.1 * np.arange(40)
+    positions = np.outer(times, [1.0, 0.5]) + rng.normal(size=(40, 2)) * [0.05, 0.002]
+    found = estimate_motion(times, positions, order=1)
+    design = np.stack([np.ones(40), times], axis=1)
+    residuals = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
+    assert found.noise_covariance == pytest.approx(residuals.T @ residuals / 38, rel=1e-9)
