@@ -10,7 +10,7 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import EvenBraking, RampedBraking, braking_of, distinct_knots, straight_stop
+from scp_planner.online.braking import EvenBraking, RampedBraking, braking_of, straight_stop
 from scp_planner.online.plan import Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
@@ -95,12 +95,6 @@ def test_a_straight_stop_goes_on_with_the_acceleration(speed: float, acceleratio
     end = stop.frame.to_world(points.path.position[-1:])[0]
     assert end == pytest.approx([2.0 + way * math.cos(0.6), -1.0 + way * math.sin(0.6)], abs=1e-6)
     assert points.speed[-1] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_knots_that_are_as_good_as_one_are_one() -> None:
-    breaks = np.array([0.0, 1e-12, 0.3, 0.3, 0.6, 1.0 - 1e-12, 1.0])
-    kept, values = distinct_knots(breaks, np.arange(7.0))
-    assert kept.tolist() == [0.0, 0.3, 0.6, 1.0] and values.tolist() == [0.0, 2.0, 4.0, 6.0]
 
 
 # closed loops

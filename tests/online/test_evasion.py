@@ -12,16 +12,9 @@ import pytest
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.online.assumptions import _radii_towards
-from scp_planner.online.braking import straight_stop
-from scp_planner.online.decision import Waiting
-from scp_planner.online.evasion import Evasion
-from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
-from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
-from scp_planner.online.vetting import Stop, Vetted
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.simulation.crowds import WALKER, among_people
@@ -121,46 +114,6 @@ def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: 
     assert plan.arrived and 0.25 * k < 14.0
 
 
-def test_standing_where_somebody_will_come_is_harmful() -> None:
-    """Nobody comes for as long as a stop has to stay clear; but soon after, and goes right over the vehicle.
-
-    Who walks as fast as the vehicle may drive is to be kept a twenty-fourth of its width away from.
-    """
-    worth = {}
-    for start in (-2.2, -20.0):
-        scenario = scene(disc("walker", (0.0, start), (0.0, 1.0), radius=0.3), start={"speed": 0.0}, vehicle=SLOW)
-        means = Planner(scenario, online=OnlineSettings(stay_clear=0.3))._means
-        now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
-        seen = Evasion(means)._looked(now).seen
-        assert np.isinf(seen.clear[0]), "the first dodge stands"
-        worth[start] = seen.worth[0]
-    moment = 0.48 + 0.5 / 1.5  # to drive 0.8 of its width from a stand, at 1.5 m/s2 up to 1 m/s
-    times = np.linspace(0.0, 5.0 * moment, 3001)
-    depth = 0.6 - np.abs(times - 2.2)
-    harmful = 50.0 * np.where(depth > -0.025, depth + 0.125, 0.0) / (1.0 + 0.9 * times / moment)
-    closeness = np.exp(np.minimum(depth / 0.6, 1.0 / 6.0) / (1.0 / 6.0 + times / moment / 20.0))
-    near = 4.0 * 0.6 * np.trapezoid(closeness / (1.0 + 0.9 * times / moment), times / moment)
-    assert worth[-20.0] == pytest.approx(0.0, abs=0.01)
-    assert -worth[-2.2] == pytest.approx(harmful.max() + near, rel=0.05)
-
-
-@pytest.mark.parametrize(("spare", "safe"), [(-0.01, False), (0.01, True)])
-def test_who_stands_is_safe_only_from_whom_it_sees_come_at_the_next_replan(spare: float, safe: bool) -> None:
-    """The velocity of somebody near is not known: up to then the zone grows, by hand, however the vehicle stands."""
-    scenario = scene(start={"speed": 0.0}, confidence={"probability": 0.95, "level": "per_time"})
-    planner = Planner(scenario, online=OnlineSettings(period=PERIOD, stay_clear=0.3, manoeuvre=0.0))
-    away = 0.6 + SCALE * math.hypot(0.1, 0.5 * PERIOD) + spare
-    planner.add_obstacle("near", {"disc": 0.3})
-    planner.update_obstacle("near", 0.0, (0.0, away), (0.0, 0.0), covariance=np.diag([0.01, 0.01, 0.25, 0.25]))
-    means, state = planner._means, State(0.0, (0.0, 0.0), 0.0, 0.0)
-    moment, trip = means.moment(state), straight_stop(state, means.braking, means.settings, means.breakpoints)
-    stop = Stop(trip, trip.frame.time)
-    assert means.vetting.certify_stop(moment, stop, None).holds == safe
-    assert math.isinf(means.vetting.clear_for(moment, stop)) == safe
-    going_on = Evasion(means).outlooks.of_stop(moment, stop, np.linspace(0.0, 0.3, 31))
-    assert math.isinf(going_on.clear[0]) == safe
-
-
 def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     """What comes speeds up. If each replan began a turn of its own, which starts straight on, it would never turn.
 
@@ -181,25 +134,6 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     assert run.arrived and not run.contact
     assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
     assert any("as before" in cycle.reason and "does less harm" in cycle.reason for cycle in run.records)
-
-
-@pytest.mark.parametrize(("number", "kept"), [(0, True), (1, True), (3, False)])
-def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: int, kept: bool) -> None:
-    """Nobody is near: a course that leads by so many of its neighbours past the goal gains hardly less, or clearly."""
-    means = Planner(scene(goal={"position": (20.0, 0.0)}, vehicle=SLOW))._means
-    evasion = Evasion(means)
-    now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 1.0)), 0.0, math.inf, None, 0)
-    dodges = evasion._looked(now).dodges
-    profiles = dodges.families[0].profiles
-    trip = dodges.trip(number * len(profiles.stands) + int(np.argmax(profiles.way)), now.moment.frame)
-    points, _ = trip.at(0.1)
-    x, y = trip.frame.to_world(points.path.position)[0].tolist()
-    stop = Stop(trip, trip.trajectory.travel_time)
-    begun = means.plan_of(Vetted(trip, now.moment.certify(trip), stop, 0.0), now, Outcome.EVADING, "")
-    later = Replan(means.moment(State(0.1, (x, y), None, float(points.speed[0]))), 0.0, math.inf, begun, 1)
-    found = evasion.safest(later)
-    assert found is not None and found.safe
-    assert (found.trip is trip) is kept
 
 
 @pytest.mark.parametrize(
@@ -254,32 +188,6 @@ def test_vehicle_goes_on_between_posts_where_nothing_does_less_harm() -> None:
     for zone in planner.zones:
         region = math.sqrt(zone.covariance(np.array([6.0]))[0, 0, 0])
         assert region > 1.6 - 0.5 - 0.3
-
-
-def test_waiting_is_made_up_for_by_coming_nearer() -> None:
-    means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
-    waiting = Waiting((8.0, 0.0))
-    waited = [
-        waiting.waited(Replan(means.moment(State(time, (x, 0.0), None, 0.0)), 0.0, math.inf, None, 0))
-        for time, x in ((0.0, 0.0), (1.0, 0.0), (3.0, -1.0), (4.0, 0.5), (4.5, 1.0), (9.0, 2.0))
-    ]
-    assert waited == pytest.approx([0.0, 1.0, 3.0, 2.0, 1.5, 0.0])
-
-
-def test_trip_is_worth_what_the_same_dodge_is() -> None:
-    """Straight to the goal, where all of the way counts for both; and less, where it leads into somebody."""
-    for post, harmful in ((POST, False), (disc("post", (2.0, 0.1), radius=0.3), True)):
-        scenario = scene(post, goal={"position": (8.0, 0.0)}, start={"speed": 0.0}, vehicle=SLOW)
-        means = Planner(scenario)._means
-        now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
-        evasion = Evasion(means)
-        view = evasion._looked(now)
-        dodges, seen = view.dodges, view.seen
-        # The first course leads to the goal; for longest, at top speed
-        straight = len(dodges.families[0].profiles.stands) - 2
-        worth = evasion.outlooks.worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
-        assert bool(seen.worth[straight] < 0.0) is harmful
-        assert worth == pytest.approx(seen.worth[straight], abs=0.02)
 
 
 def reachable(name: str, time: float, place: np.ndarray, velocity: np.ndarray, most: float) -> dict[str, Any]:
@@ -425,25 +333,6 @@ def test_assumptions_on_what_is_observed_are_told_in_every_profile(among: bool) 
     assert any("0.2 m off its plan" in doubt for doubt in planner.doubts)
 
 
-def test_ellipses_reach_as_far_as_their_inverses_say() -> None:
-    rng = np.random.default_rng(0)
-    roots, vectors = rng.normal(size=(40, 2, 2)), rng.normal(size=(40, 2))
-    matrices = roots @ roots.transpose(0, 2, 1)
-    found = _radii_towards(vectors, matrices[:, [0, 0, 1], [0, 1, 1]])
-    points = found[:, None] * vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    assert np.einsum("ni,nij,nj->n", points, np.linalg.inv(matrices), points) == pytest.approx(np.ones(40), rel=1e-6)
-
-
-@pytest.mark.parametrize(("speed", "acceleration"), [(3.0, 1.5), (1.0, 5.0)])
-def test_a_stop_stays_clear_until_the_vehicle_could_have_got_away(speed: float, acceleration: float) -> None:
-    scenario = scene(vehicle={"max_speed": speed, "max_acceleration": acceleration}, start={"speed": 0.0})
-    planner = Planner(scenario)
-    wait = planner._means.wait * planner._units.time
-    times = np.linspace(0.0, wait, 100_001)
-    driven = np.trapezoid(np.minimum(acceleration * times, speed), times)
-    assert driven == pytest.approx(4.0 * 2.0 * scenario.vehicle.radius, rel=1e-6)
-
-
 def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
     """Somebody comes over where it would stand, three seconds after it would: that counts only if one looks so far."""
     walker = disc("walker", (4.0, -8.0), (0.0, 1.0), radius=0.4)
@@ -463,3 +352,60 @@ def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
             away = np.linalg.norm(place - np.stack([np.full(50, 4.0), -8.0 + times], axis=1), axis=1)
             assert away.min() >= 0.7 - 1e-6
     assert sp.certify(planner.scenario, safe[4.0]).clearance.minimum >= 0.0
+
+
+def test_in_a_narrow_room_no_dodge_ends_where_no_trip_leads_on() -> None:
+    """Something blocks the room for a while. The vehicle cannot turn round there: turned to a wall it would stay."""
+    planner = Planner(scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)}), online=OnlineSettings(iterations=6))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    for k in range(20, 75):
+        time = 0.1 * k
+        place = plan.position(time)
+        if k == 21:
+            planner.add_obstacle(disc("post", (float(plan.position(2.0)[0]) + 5.0, 0.0), radius=1.2))
+        if k == 62:
+            planner.remove_obstacle("post")
+            stood = place
+        plan = planner.replan(time, place, float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
+    assert float(plan.position(7.4)[0]) > stood[0] + 0.2
+    assert plan.arrival_time < 20.0
+
+
+SPEED, SIZE = 1.2, 0.6
+LEADS = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0])
+
+
+def walker_at(times: Any, beside: float) -> np.ndarray:
+    """Somebody who walks towards the vehicle, or past it."""
+    clock = np.asarray(times, dtype=float)
+    return np.stack([4.0 - SPEED * clock, np.full_like(clock, beside)], axis=-1)
+
+
+def course(now: float, beside: float, growth: float) -> dict[str, Any]:
+    """What is foretold of that, ever less surely."""
+    spread = (0.03 + growth * LEADS**2) ** 2
+    return {
+        "time": (now + LEADS).tolist(),
+        "position": walker_at(now + LEADS, beside).tolist(),
+        "covariance": [[[each, 0.0], [0.0, each]] for each in spread.tolist()],
+    }
+
+
+@pytest.mark.parametrize(("beside", "growth"), [(0.3, 0.6), (0.6, 1.0)])
+def test_vehicle_that_is_walked_at_leaves_though_nothing_is_safe(beside: float, growth: float) -> None:
+    """The zone soon fills all that it can reach; standing, it would be in the middle of where the walker goes."""
+    walker = {"id": "walker", "shape": {"disc": SIZE}, "motion": course(0.0, beside, growth)}
+    planner, unsafe = Planner(scene(walker, start={"speed": 0.0}), online=OnlineSettings(period=0.1)), 0
+    place, heading, speed = np.zeros(2), 0.0, 0.0
+    for number in range(50):
+        now = number * 0.1
+        if number:
+            planner.update_motion("walker", course(now, beside, growth))
+        plan = planner.replan(now, place, heading, speed)
+        unsafe += not plan.safe
+        times = np.linspace(now, now + 0.1, 6)
+        away = np.linalg.norm(plan.position(times) - walker_at(times, beside), axis=1)
+        assert away.min() >= SIZE + 0.3
+        place, heading = plan.position(now + 0.1), float(plan.heading(now + 0.1))
+        speed = max(float(plan.speed(now + 0.1)), 0.0)
+    assert unsafe > 5

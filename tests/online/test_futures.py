@@ -101,21 +101,3 @@ def test_a_simulated_world_draws_one_of_the_futures_by_its_weight() -> None:
     drawn = np.array([drawn_course(obstacle, rng)(np.zeros(1))[0, 1] for _ in range(1000)])
     assert set(drawn) == {4.0, 5.0}
     assert (drawn == 5.0).mean() == pytest.approx(0.2, abs=0.04)
-
-
-def test_zones_of_a_given_motion_are_made_once_until_there_is_another() -> None:
-    planner = sp.Planner(scene(disc("post", (5.0, 3.0)), person(FORK)))
-    planner.replan(**STATE)
-    first = planner._obstacles.zones(0.0)
-    planner.replan(**{**STATE, "time": 0.1})
-    assert all(here is there for here, there in zip(planner._obstacles.zones(0.1), first, strict=True))
-    # with another that is uncertain, each gets a smaller share of the risk
-    planner.add_obstacle({**person(FORK), "id": "other"})
-    planner.replan(**{**STATE, "time": 0.2})
-    shared = planner._obstacles.zones(0.2)
-    assert len(shared) == 5
-    assert np.linalg.det(shared[1].covariance(3.0)) > np.linalg.det(first[1].covariance(3.0))
-    planner.update_motion("post", sp.Motion(position=(6.0, 3.0)))
-    planner.replan(**{**STATE, "time": 0.3})
-    moved = planner._obstacles.zones(0.3)
-    assert moved[0].center(0.0) == pytest.approx(first[0].center(0.0) + np.array([1.0 / planner._units.length, 0.0]))

@@ -11,9 +11,8 @@ from replanning import PERIOD, TalkingSolver, begin, follow, observed, seen
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.estimation.error_laws import StudentErrors
-from scp_planner.online.foretold import Prediction
 from scp_planner.online.planner import Planner
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
@@ -21,9 +20,9 @@ from scp_planner.threat_zones.zone import ThreatZone
 pytestmark = pytest.mark.numerics
 
 
-def zones_of(planner: Planner) -> list[ThreatZone]:
+def zones_of(planner: Planner, whole: sp.Scenario) -> list[ThreatZone]:
     """The zones of a planner's scenario, made in the units of the whole trip: they decide how long zones hold for."""
-    units = planner._units
+    units = NaturalUnits.of(whole)
     return [zone.outside(units) for zone in ZonesOf(units.scenario(planner.scenario))]
 
 
@@ -43,7 +42,7 @@ def test_zones_are_those_of_all_that_was_observed() -> None:
         planner.observe("a", time, np.array([12.0, -6.0 + 0.8 * time]) + 0.1 * rng.standard_normal(2))
         planner.observe("b", time, np.array([15.0, 5.0]) - 0.5 * time + 0.1 * rng.standard_normal(2))
         follow(planner, time)
-    made = zones_of(planner)
+    made = zones_of(planner, scenario)
     assert [zone.id for zone in planner.zones] == [zone.id for zone in made] == ["a", "b", "known"]
     times = np.linspace(0.7, 8.0, 20)
     points = rng.normal(0.0, 8.0, (20, 2))
@@ -152,7 +151,7 @@ def test_newcomer_is_kept_clear_of_from_its_first_observation() -> None:
         plan = follow(planner, time)
         assert plan.safe
         (zone,) = planner.zones
-        (same,) = zones_of(planner)
+        (same,) = zones_of(planner, scenario)
         assert zone.covariance(time + 2.0) == pytest.approx(same.covariance(time + 2.0), rel=1e-6)
         sizes.append(math.sqrt(float(zone.covariance(time + 1.0)[0, 0])))
     # Within a second nothing is known but that it moves like others; the more is seen, the less it may do.
@@ -177,12 +176,3 @@ def test_known_obstacle_that_is_observed_does_not_move_as_was_known() -> None:
     follow(planner, 0.1)
     assert planner.zones[0].covariances is not None
     assert planner.zones[0].center(0.1) == pytest.approx((12.0, -2.0), abs=1e-6)
-
-
-def test_what_comes_far_too_late_is_not_gated_by_a_covariance_that_is_none() -> None:
-    """A covariance growing with the lag, as of process noise, is none long before its origin: below zero there."""
-    growing = np.array([[0.01, 0.0, 0.01], [0.2, 0.0, 0.2]])  # variances 0.01 + 0.2 lag, m^2
-    prediction = Prediction(10.0, np.zeros((2, 2)), growing, StudentErrors(4.0))
-    noise = 0.01 * np.eye(2)
-    assert prediction.exceedance(10.0, (3.0, 0.0), noise) < 0.01
-    assert prediction.exceedance(5.0, (3.0, 0.0), noise) == 1.0

@@ -7,7 +7,7 @@ import pytest
 from scenes import scene
 
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.remaining import State, _guide_from, eased, remaining_trip
+from scp_planner.online.remaining import State, eased, remaining_trip
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
@@ -88,13 +88,6 @@ def test_who_is_off_the_path_and_too_fast_is_led_back() -> None:
     assert points.speed[0] == pytest.approx(START + RATE * passed + 0.3)
     assert np.abs(world[world[:, 0] > 6.0, 1]).max() < 0.02
     assert points.speed[-1] == pytest.approx(START + RATE * 5.0, abs=0.02)
-
-
-def test_what_is_left_of_a_guide_begins_where_the_vehicle_is() -> None:
-    guide = ((0.0, 0.0), (8.0, 0.0), (8.0, 6.0))
-    assert _guide_from(guide, (3.0, 0.0)) == ((3.0, 0.0), (8.0, 0.0), (8.0, 6.0))
-    assert _guide_from(guide, (7.8, 0.3)) == ((7.8, 0.3), (8.0, 6.0))  # the vertex is about to be passed
-    assert _guide_from(guide, (8.1, 5.0)) == ((8.1, 5.0), (8.0, 6.0))
 
 
 JERK = 2.0

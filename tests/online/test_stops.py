@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from replanning import begin, observed, seen
 from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import EvenBraking, straight_stop
+from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after, stop_now
 from scp_planner.scenario.limits import Limits
@@ -95,3 +97,28 @@ def test_a_straight_stop_goes_where_the_vehicle_heads() -> None:
     end = stop.frame.to_world(stop.at(np.array([7.0 + 2.4 / limits.deceleration]))[0].path.position)[0]
     way = 2.4**2 / (2.0 * 2.0)
     assert end == pytest.approx([2.0 + way * np.cos(0.6), -1.0 + way * np.sin(0.6)], abs=1e-9)
+
+
+def test_stop_needs_spans_to_stop_in() -> None:
+    assert stop_after(Trajectory(straight(60.0, 3.0), np.zeros(20), 20.0), 19, 2.0) is None
+
+
+def test_stop_of_a_plan_is_one() -> None:
+    """It begins like the plan, brakes within the limit, stands, and keeps clear until then."""
+    walker = seen("walker", (12.0, -6.0), (0.0, 0.8), 0.1, order=2)
+    scenario = scene(observed(walker), observed(seen("other", (6, 3), (0, 0), 0.1)))
+    planner = Planner(scenario)
+    plan = begin(planner, scenario)
+    assert plan.stop is not None and not plan.certified and plan.safe
+    stands = plan.stop.frame.time + standing_from(plan.stop.trajectory)
+    assert plan.branch_time is not None and planner.online.period is not None
+    assert planner.online.period <= plan.branch_time < stands
+    times = np.linspace(0.0, plan.branch_time, 50)
+    stop = plan.stop.frame.to_world(plan.stop.at(times)[0].path.position)
+    assert np.abs(stop - plan.position(times)).max() < 1e-9
+    speeds = plan.stop.at(np.linspace(0.0, stands + 0.2, 400))[0].speed
+    assert (
+        speeds[-1] < 2e-3 and np.diff(speeds).min() >= -scenario.vehicle.max_deceleration * (stands + 0.2) / 399 * 1.001
+    )
+    certificate = sp.certify(planner.scenario, plan)
+    assert not certificate.holds and all(v.time > stands for v in certificate.violations if v.what == "clearance")
