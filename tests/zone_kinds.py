@@ -45,6 +45,8 @@ KINDS = scene(
     seen("seen box", {"rectangle": [2.0, 1.0], "heading": 1.0}, 2),
     seen("seen egg", {**EGG, "heading": -0.3}, 3),
     seen("standing egg", EGG, 4, order=0),
+    shaped("disc", {"disc": 0.55}, (8.5, -3.9), (0.23, 0.86), (0.05, 0.1)),
+    seen("seen disc", {"disc": 0.4}, 5),
     start={"time": 5.0, "position": [1.0, 2.0]},
     goal={"position": [15.0, 9.0]},
 )

@@ -8,7 +8,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import (
@@ -23,10 +22,6 @@ from scp_planner.estimation.conformal import (
 from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.scenario.models import Model
-from scp_planner.scenario.shapes import Disc
-from scp_planner.settings.online import Regions, Watch
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5])
@@ -115,12 +110,6 @@ def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> Non
     assert square_within(z, covariance) == pytest.approx(square)
 
 
-def test_sizes_above_one_add_the_same_in_every_direction() -> None:
-    shape = np.array([[4.0, 1.0, 2.0]])
-    assert sized(shape, [0.25])[0] == pytest.approx([1.0, 0.25, 0.5])
-    assert sized(shape, [3.5])[0] == pytest.approx([6.5, 1.0, 4.5])
-
-
 def test_new_track_begins_with_what_others_have_taught() -> None:
     scales = AdaptiveScales(0.1, 2)
     assert scales.scales(["new"]).tolist() == [[1.0, 1.0]]
@@ -157,22 +146,6 @@ def test_regions_that_are_right_are_left_as_they_are() -> None:
     assert np.mean(np.array(found[50:]) == 1.0) > 0.8
 
 
-@pytest.mark.parametrize(("score", "size"), [(0.992, 1.0), (1.008, 1.0), (1.02, 1.02), (0.98, 0.98)])
-def test_sizes_within_a_hundredth_of_one_are_one(score: float, size: float) -> None:
-    """A little more than one error in twenty is that large, so that is the size for 95 %, if it is worth it."""
-    scales = AdaptiveScales(0.05, 1)
-    for number in range(510):
-        scales.take_in(0, ["a"], [score if number % 17 == 0 else 0.2])
-    assert scales.scales(["a"])[0, 0] == size
-
-
-def test_what_is_not_worth_it_is_made_up_for_where_misses_go_on() -> None:
-    scales = AdaptiveScales(0.05, 1)
-    for _ in range(2000):
-        scales.take_in(0, ["a"], [1.008])
-    assert scales.scales(["a"])[0, 0] > 1.01 and scales.missed[0] < 0.15 * 2000
-
-
 def test_regions_that_are_too_large_shrink_to_what_they_should_be() -> None:
     """Also where most of what is seen is noise: the least size that holds it has the right quantile."""
     rng, names = np.random.default_rng(9), [f"t{number}" for number in range(40)]
@@ -204,20 +177,6 @@ def test_fitted_model_is_split_conformal_at_its_level() -> None:
             prediction_errors(which, model, lead_times=leads), model.tails.inflation, strict=True
         ):
             assert least <= np.mean(errors.squares <= scale * inflation) <= most
-
-
-def test_zones_follow_what_came_of_them() -> None:
-    """Something that leaps about as no filter foretells: zones become larger than those of the model."""
-    sizes = []
-    for regions in Regions:
-        confidence = sp.Confidence(level="per_time", probability=0.8)  # 50 errors are enough
-        tracks = ObstacleTracks(confidence, watch=Watch(0.0, 0.0, 0.0, regions))
-        tracks.add_unseen("a", Disc(disc=0.3), Model(order=0), 0.0, 0.01 * np.eye(2))
-        for number, place in enumerate(np.cumsum(0.3 * np.random.default_rng(3).standard_normal((120, 2)), axis=0)):
-            tracks.observe("a", 0.1 * number, (float(place[0]), float(place[1])))
-            (zone,) = tracks.zones(0.1 * number)
-        sizes.append(zone.covariance(0.1 * number + np.array([0.0, 1.0, 2.0]))[:, 0, 0])
-    assert np.all(sizes[1] > 10.0 * sizes[0])
 
 
 def test_regions_do_not_vanish_where_noise_explains_all_that_is_seen() -> None:

@@ -119,3 +119,17 @@ def test_the_standardised_speed_is_the_mean_over_directions() -> None:
         given = half @ (rate[k] - cross[k].T @ np.linalg.inv(error[k]) @ cross[k]) @ half.T
         mean = np.sqrt(np.einsum("in,ij,jn->n", directions, given, directions)).mean()
         assert found[k] == pytest.approx(mean, rel=1e-8)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_a_manoeuvre_adds_to_the_variance(order: int) -> None:
+    """That of a change of acceleration, known to 0.3 m/s2, which begins at the last observation."""
+    rng = np.random.default_rng(11)
+    times = irregular(rng)
+    estimate = estimate_motion(times, observe(rng, times, order), SIGMA, order)
+    wider, lead = estimate.with_manoeuvre(0.3), np.array([0.0, 1.0, 3.0])
+    change = 0.3**2 / np.linalg.eigvalsh(SIGMA)[0] * SIGMA
+    at = times[-1] + lead
+    assert wider.position(at) == pytest.approx(estimate.position(at), abs=1e-10)
+    added = (lead**4 / 4.0)[:, None, None] * change
+    assert wider.covariance(at) == pytest.approx(estimate.covariance(at) + added, rel=1e-9)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from functools import cache
@@ -127,13 +128,6 @@ def test_dynamics_are_those_of_their_differential_equations(lag: float, tau: flo
         assert dynamics.process_noise(np.array(lag)) == pytest.approx(
             expected, rel=1e-7, abs=5e-15 * np.abs(expected).max()
         )
-
-
-@pytest.mark.parametrize("dynamics", [MeanReverting(0.3, 2.0), Singer(0.7, 2.0)])
-def test_lags_that_differ_by_rounding_are_one(dynamics: Dynamics) -> None:
-    lags = np.array([[0.4, 0.4 + 1e-15], [1.0, 0.4]])
-    for of in (dynamics.transition, dynamics.process_noise):
-        assert of(lags) == pytest.approx(np.array([[of(lag) for lag in row] for row in lags]), rel=1e-12)
 
 
 @KIND
@@ -288,6 +282,25 @@ def test_regions_cover_motions_that_follow_the_model(kind: str, tails: Tails | N
     assert 0.95 - 4 * deviation < np.mean(squares.max(axis=1) <= always) < 0.975
 
 
+@KIND
+def test_a_long_history_is_what_comes_of_one_observation_after_the_other(kind: str) -> None:
+    """Two at one time among them, each with a noise of its own."""
+    rng, count = np.random.default_rng(0), 77
+    times = np.sort(rng.uniform(0.0, 5.0, count))
+    times[7] = times[8]
+    positions = 0.3 * rng.normal(size=(count, 2)).cumsum(axis=0)
+    spread = rng.normal(0.0, 0.1, (count, 2, 2))
+    noise = spread @ np.swapaxes(spread, 1, 2) + 1e-3 * np.eye(2)
+    tracker = MotionFilter(model(kind))
+    for time, position, each in zip(times, positions, noise, strict=True):
+        tracker.update(time, position[None], each)
+    expected, found = tracker.estimate(), estimate_process(times, positions, model(kind), noise)
+    deviations = np.sqrt(np.diag(expected.state_covariance))
+    assert found.mean == pytest.approx(expected.mean, rel=1e-9, abs=1e-10)
+    assert np.abs((found.state_covariance - expected.state_covariance) / np.outer(deviations, deviations)).max() < 1e-11
+    assert (found.observations, found.reference_time) == (count, times[-1])
+
+
 class TestFilter:
     times = np.arange(8) * 0.4
     positions = np.random.default_rng(7).normal(size=(8, 3, 2)).cumsum(axis=0)
@@ -399,8 +412,6 @@ def test_the_past_and_the_far_future_are_not_for_it() -> None:
     with pytest.raises(EstimationError, match="span of time"):
         single().polynomials(2, 1)
     with pytest.raises(EstimationError, match="keep or gate them"):
-        from scp_planner.estimation.observations import Screening
-
         estimate_process([0.0], [[0.0, 0.0]], model(), screening=Screening(outliers=Outliers.HUBER))
     with pytest.raises(EstimationError, match="there are none"):
         estimate_process([], np.zeros((0, 2)), model())
@@ -455,8 +466,6 @@ class TestScenario:
     }
 
     def write(self, folder: Path, model: str) -> Path:
-        import json
-
         obstacle = {
             "id": "a",
             "shape": {"disc": 0.3},

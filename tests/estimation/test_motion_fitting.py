@@ -170,10 +170,10 @@ def test_tails_come_back() -> None:
 
 
 def test_fitted_tails_cover_the_next_errors() -> None:
-    """Averaged over 40 small samples."""
+    """Averaged over 20 small samples."""
     levels = (0.9, 0.95, 0.99)
     inside = []
-    for seed in range(40):
+    for seed in range(20):
         tails = fit_tails(student_errors(4.0, [1.0], tracks=40, each=4, seed=seed))
         law = StudentErrors(tails.degrees_of_freedom)
         limits = [tails.inflation[0] * law.pointwise_scale(1 - level) for level in levels]
@@ -183,7 +183,7 @@ def test_fitted_tails_cover_the_next_errors() -> None:
 
 def test_few_tracks_widen_the_tails() -> None:
     """The same 600 errors: ten each from 60 tracks that differ as wholes, or each on its own."""
-    for seed in range(4):
+    for seed in range(2):
         (single,) = student_errors(6.0, [1.0], tracks=60, each=1, seed=seed)
         alike = replace(single, squares=np.repeat(single.squares, 10), tracks=np.repeat(np.arange(60), 10))
         apart = replace(alike, tracks=np.random.default_rng(seed).permutation(600))

@@ -70,16 +70,6 @@ def test_recursive_is_batch(order: int, noise: str, forgetting: float, prior: Mo
             )
 
 
-@pytest.mark.slow
-def test_ten_thousand_observations_are_as_good() -> None:
-    times, positions = recording(10_000, 1, 1)
-    for forgetting in (1.0, 0.95):
-        estimator = RecursiveEstimator(1, 2, forgetting=forgetting)
-        for t, z in zip(times, positions, strict=True):
-            estimator.update(t, z)
-        assert_same(estimator.estimate(), estimate_motion(times, positions[:, 0], forgetting=forgetting))
-
-
 def test_observations_may_come_in_any_order() -> None:
     times, positions = recording(20, 1)
     shuffled = np.random.default_rng(1).permutation(20)
@@ -113,31 +103,6 @@ def test_missing_positions_can_be_taken_for_not_seen() -> None:
     assert estimator.observations.tolist() == [10, 9, 10]
     rest = np.delete(np.arange(10), 4)
     assert_same(estimator.estimate(1), estimate_motion(times[rest], positions[rest, 1], SIGMA, 1))
-
-
-@pytest.mark.parametrize("covariance", [None, SIGMA])
-def test_gate_leaves_out_what_nothing_so_far_explains(covariance: np.ndarray | None) -> None:
-    times, positions = recording(30, 2)
-    positions[20, 1] += 5.0
-    estimator = RecursiveEstimator(2, 2, covariance, gate_probability=1e-6)
-    for i in range(30):
-        used = estimator.update(times[i], positions[i])
-        assert used.tolist() == [True, i != 20]
-        assert estimator.rejected_in_a_row.tolist() == [0, int(i == 20)]
-    rest = np.delete(np.arange(30), 20)
-    assert_same(estimator.estimate(1), estimate_motion(times[rest], positions[rest, 1], covariance))
-
-
-def test_reset_begins_anew() -> None:
-    times, positions = recording(30, 2)
-    estimator = RecursiveEstimator(2, 1, SIGMA, forgetting=0.9)
-    for i in range(30):
-        if i == 15:
-            estimator.reset(1)
-        estimator.update(times[i], positions[i])
-    assert estimator.observations.tolist() == [30, 15]
-    assert_same(estimator.estimate(0), estimate_motion(times, positions[:, 0], SIGMA, 1, forgetting=0.9))
-    assert_same(estimator.estimate(1), estimate_motion(times[15:], positions[15:, 1], SIGMA, 1, forgetting=0.9))
 
 
 def test_refused_observations_change_nothing() -> None:
@@ -192,24 +157,3 @@ def test_too_few_observations_are_named() -> None:
         known.estimate(prior=MotionPrior(velocity_deviation=1.0))
     with pytest.raises(EstimationError, match="it must come"):
         RecursiveEstimator(1, 2, varying=True).update(0.0, [[0.0, 0.0]])
-
-
-def test_obstacles_in_a_row_are_taken_in_as_they_are_one_by_one() -> None:
-    rng = np.random.default_rng(2)
-    count, some, noise = 6, slice(1, 5), np.diag([0.01, 0.04])
-    ours, theirs = (RecursiveEstimator(count, 2, noise) for _ in range(2))
-    inside = np.isin(np.arange(count), np.arange(count)[some])
-    for number in range(8):
-        times, places = 0.1 * number + 0.02 * rng.random(count), rng.normal(size=(count, 2))
-        ours.update_row(some, times[some], places[some])
-        theirs.update(times, places, seen=inside)
-        for name in ("scaled", "share"):
-            mine, other = (getattr(each.innovations, name)[..., some] for each in (ours, theirs))
-            assert mine == pytest.approx(other, abs=1e-12)
-    assert np.array_equal(ours.observations, theirs.observations)
-    for k in range(count)[some]:
-        mine, other = ours.estimate(k), theirs.estimate(k)
-        assert mine.coefficients == pytest.approx(other.coefficients, abs=1e-12)
-        assert mine.covariance(1.0) == pytest.approx(other.covariance(1.0), abs=1e-12)
-    with pytest.raises(EstimationError, match="comes twice"):
-        ours.update(times, places, seen=inside)

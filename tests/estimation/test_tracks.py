@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from scp_planner import files
 from scp_planner.errors import EstimationError, ScenarioError, TracksError
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.estimation.track_files import Track
@@ -90,13 +89,6 @@ class TestFiles:
         write(tmp_path / "in", ",timestamp,x,y\n0,0.0,1,2\n", "17.csv")
         write(tmp_path, "not for us", "notes.md")
         assert Tracks.load(tmp_path).ids == ("a_obsmat/1", "a_obsmat/2", "in/17")
-
-    def test_a_folder_with_too_much_in_it_is_refused(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        write(tmp_path, OBSMAT, "a_obsmat.txt")
-        write(tmp_path, "not for us", "notes.md")
-        monkeypatch.setattr(files, "MOST_ENTRIES", 1)
-        with pytest.raises(TracksError, match="holds over 1 files"):
-            Tracks.load(tmp_path)
 
     @pytest.mark.parametrize(
         ("text", "faults"),

@@ -12,7 +12,6 @@ from shapely import Point, Polygon
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.threat_zones import batch as batch_module
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 
@@ -152,16 +151,12 @@ def test_what_overlapping_parts_share_is_told_once() -> None:
     assert several.singles(place, zone, contacts).tolist() == [0, 1, 3, 4, 5, 6, 7]
 
 
-@pytest.mark.parametrize("pair_cost", [0, 10**9])
-def test_walls_are_as_far_away_however_they_are_looked_at(pair_cost: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the lines of all edges, or polygon by polygon where a point is near to it."""
+def test_walls_are_as_far_away_as_shapely_says() -> None:
     rng = np.random.default_rng(3)
     angles = 2.0 * np.pi * np.arange(30) / 30.0
     ring = np.stack([0.9 * np.cos(angles), 0.5 * np.sin(angles)], axis=1)
     walls = [(ring + place).tolist() for place in rng.uniform([4.0, -5.0], [18.0, 5.0], (12, 2))]
     (zone,) = sp.zones(scene(walls=walls))
-    monkeypatch.setattr(batch_module, "PAIR_COST", pair_cost)
-    monkeypatch.setattr(batch_module, "FEW_EDGES", 0)
     batch = ZoneBatch.of([zone], FRAME, 0.0)
     places = rng.uniform([0.0, -6.0], [20.0, 6.0], (200, 2))
     found = batch.distances(np.zeros(200), places, 1.0)
@@ -171,20 +166,3 @@ def test_walls_are_as_far_away_however_they_are_looked_at(pair_cost: int, monkey
     assert found[near] == pytest.approx(true[near], abs=1e-9)
     assert np.all(found[true >= 1.0] >= 1.0 - 1e-9)
     assert np.all(found[true == 0.0] <= 1e-9)
-
-
-def test_distances_of_many_are_found_in_parts(batch: ZoneBatch, monkeypatch: pytest.MonkeyPatch) -> None:
-    times = np.linspace(0.0, 9.0, 50)
-    points = np.stack([2.0 * times, np.sin(times)], axis=1)
-    whole = batch.distances(times, points)
-    looked: list[int] = []
-    few = ZoneBatch._distances_of_few
-
-    def counted(self: ZoneBatch, some: np.ndarray, where: np.ndarray, exact_below: float) -> np.ndarray:
-        looked.append(len(some) * self.size)
-        return few(self, some, where, exact_below)
-
-    monkeypatch.setattr(ZoneBatch, "_distances_of_few", counted)
-    monkeypatch.setattr(batch_module, "TOGETHER", 12)
-    assert batch.distances(times, points) == pytest.approx(whole, rel=1e-12, abs=1e-12)
-    assert max(looked) <= 12 and sum(looked) == whole.size

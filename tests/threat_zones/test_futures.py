@@ -6,16 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, disc, scene
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.estimation.confidence import course_scale, marginal_scale
 from scp_planner.estimation.risk import alpha_of_mixture, shared_risk, sizes_of
-from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.motions import Futures
-from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import by_obstacle
 
 TIMES = np.linspace(0.0, 8.0, 9)
@@ -137,19 +133,6 @@ def test_what_is_drawn_from_the_mixture_is_outside_of_all_zones_at_most_as_often
     }
     assert rates[level] <= allowed + noise
     assert rates[level] >= 0.3 * allowed  # and the zones are not far too large
-
-
-def test_zones_made_when_asked_for_are_those_of_the_list_with_futures_among_discs() -> None:
-    fork = several("fork", (0.6, AHEAD), (0.4, TURNING))
-    scenario = scene(CROSSERS[0], fork, CROSSERS[1], several("other", (0.5, STOPPING), (0.5, AHEAD)), CROSSERS[2])
-    lazy = ZonesOf(NaturalUnits.of(scenario).scenario(scenario))
-    names = ["slow", "fork", "fork", "oncoming", "other", "other", "fast"]
-    assert [zone.id for zone in lazy] == names
-    frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
-    batch, plain = ZoneBatch.of(lazy, frame, 0.2), ZoneBatch.of(tuple(lazy), frame, 0.2)
-    assert batch.ids == plain.ids == tuple(names)
-    times, points = np.linspace(0.0, 6.0, 13), np.random.default_rng(0).uniform(-5.0, 15.0, (13, 2))
-    assert np.array_equal(batch.distances(times, points), plain.distances(times, points))
 
 
 def test_the_certificate_names_the_obstacle_whichever_future_is_cut() -> None:

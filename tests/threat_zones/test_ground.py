@@ -10,7 +10,6 @@ from shapely import Polygon, distance, points
 from shapely.geometry import MultiPoint
 
 from scp_planner.mathematics.outlines import Outline, Outlines
-from scp_planner.threat_zones import ground as module
 from scp_planner.threat_zones.ground import Ground
 
 if TYPE_CHECKING:
@@ -40,9 +39,7 @@ def signed(polygons: list[Polygon], places: Array) -> Array:
     return np.where(inside, -to_border, to_border)
 
 
-@pytest.mark.parametrize("at_once", [1, 200, 2**16])
-def test_distances_are_what_shapely_says(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "AT_ONCE", at_once)
+def test_distances_are_what_shapely_says() -> None:
     rng = np.random.default_rng(3)
     polygons, places = some_polygons(rng, 9), rng.uniform(-6.0, 6.0, (700, 2))
     ground = ground_of(polygons)
@@ -51,11 +48,7 @@ def test_distances_are_what_shapely_says(at_once: int, monkeypatch: pytest.Monke
     assert 0.01 < (expected < 0.0).mean() < 0.9
 
 
-@pytest.mark.parametrize("at_once", [1, 2**16])
-def test_least_heights_bound_the_distances_of_all_that_moves_so_far(
-    at_once: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "AT_ONCE", at_once)
+def test_least_heights_bound_the_distances_of_all_that_moves_so_far() -> None:
     rng = np.random.default_rng(4)
     polygons, places = some_polygons(rng, 6), rng.uniform(-5.0, 5.0, (80, 2))
     moves = rng.normal(size=places.shape) * 0.4
@@ -67,20 +60,3 @@ def test_least_heights_bound_the_distances_of_all_that_moves_so_far(
     inside = signed(polygons, places)[:, ground.zones] < 0.0
     still = ground.least_heights(places, 0.0 * moves)
     np.testing.assert_allclose(still[inside], ground.distances(places)[inside], atol=1e-12)
-
-
-@pytest.mark.parametrize("number", [0, 1, 4, 9])
-def test_some_of_the_polygons_are_as_far_as_among_all(number: int) -> None:
-    rng = np.random.default_rng(5)
-    polygons, places = some_polygons(rng, 9), rng.uniform(-6.0, 6.0, (50, 2))
-    moves = rng.normal(size=places.shape) * 0.3
-    ground = ground_of(polygons)
-    keep = np.zeros(9, dtype=bool)
-    keep[rng.permutation(9)[:number]] = True
-    some = ground.only(keep)
-    np.testing.assert_array_equal(some.zones, ground.zones[keep])
-    expected = signed(polygons, places)[:, some.zones]
-    np.testing.assert_allclose(some.distances(places), expected, atol=1e-9)
-    np.testing.assert_allclose(some.least_heights(places, moves), ground.least_heights(places, moves)[:, keep])
-    again = some.only(np.arange(number) % 2 == 0)
-    np.testing.assert_allclose(again.distances(places), expected[:, ::2], atol=1e-9)

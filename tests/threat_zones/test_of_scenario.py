@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scenes import CROSSERS, disc, observed, scene
@@ -92,46 +94,6 @@ def test_an_estimated_zone_is_its_estimate_scaled_by_the_level() -> None:
             assert ratio[0, 0, 0] > -2.0 * np.log(0.1)
 
 
-def test_the_batch_agrees_with_the_single_zones_in_world_coordinates() -> None:
-    zones, frame, batch = batch_of(MIXED)
-    rng = np.random.default_rng(4)
-    times = rng.uniform(0.0, 6.0, 50)
-    points = rng.uniform([-2, -5], [20, 12], (50, 2))
-    local = frame.to_frame(points)
-    grid = batch.distances(times, local)
-    index = np.tile(np.arange(len(zones)), 50)
-    contacts = batch.contacts(index, np.repeat(times, len(zones)), np.repeat(local, len(zones), axis=0))
-    for k, zone in enumerate(zones):
-        expected = zone.signed_distance(times + frame.time, points) - 0.3
-        np.testing.assert_allclose(grid[:, k], expected, atol=1e-9)
-        np.testing.assert_allclose(contacts.distance.reshape(50, -1)[:, k], expected, atol=1e-9)
-    lower = batch.distances(times, local, exact_below=0.5)
-    assert np.all(lower <= grid + 1e-9)
-    np.testing.assert_allclose(lower[lower < 0.5], grid[lower < 0.5], atol=1e-9)
-
-
-def test_contacts_give_the_gradient_and_the_rate_of_the_distance() -> None:
-    _, _, batch = batch_of(MIXED)
-    rng = np.random.default_rng(5)
-    index = rng.integers(0, batch.size, 200)
-    times = rng.uniform(0.1, 6.0, 200)
-    points = batch.centers.at(index, times) + rng.normal(size=(200, 2)) * 2.0
-    contacts = batch.contacts(index, times, points)
-    step = 1e-6
-    rate = (
-        batch.contacts(index, times + step, points).distance - batch.contacts(index, times - step, points).distance
-    ) / (2 * step)
-    outside = contacts.distance > -0.2
-    np.testing.assert_allclose(contacts.rate[outside], rate[outside], atol=2e-6)
-    for axis in range(2):
-        shift = np.eye(2)[axis] * step
-        slope = (
-            batch.contacts(index, times, points + shift).distance
-            - batch.contacts(index, times, points - shift).distance
-        ) / (2 * step)
-        np.testing.assert_allclose(contacts.normal[outside, axis], slope[outside], atol=2e-6)
-
-
 def test_an_estimated_zone_grows_and_the_growth_is_in_the_rate() -> None:
     _, _, batch = batch_of(scene(observed("seen", 1)))
     times = np.array([1.0])
@@ -217,11 +179,28 @@ def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
         np.testing.assert_allclose(getattr(quick.contacts(index, times, points), name), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("known", [0, 1, 3])
-def test_batches_of_only_discs_or_none(known: int) -> None:
-    scenario = scene(*(disc(f"d{k}", (5.0 + 4.0 * k, 3.0), (0.0, -0.3)) for k in range(known)))
-    frame = PlanningFrame.between((0.0, 0.0), (20.0, 0.0), 0.0)
-    quick, slow = ZoneBatch.of(ZonesOf(scenario), frame, 0.3), ZoneBatch.of(zones(scenario), frame, 0.3)
-    times, points = np.linspace(0.0, 5.0, 20), np.linspace([0.0, -1.0], [20.0, 1.0], 20)
-    assert quick.size == slow.size == known
-    np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)
+def test_zones_of_many_obstacles_are_those_of_each_alone() -> None:
+    """Of all models, with short and long histories and all kinds of noise; and of what trackers say."""
+    rng, obstacles = np.random.default_rng(0), list[dict[str, Any]]()
+    models: list[Any] = [{"order": 1}, {"order": 2}, "pedestrian", "car", "ship"]
+    for number in range(20):
+        count = int(rng.choice([6, 20, 90]))
+        times = np.cumsum(rng.uniform(0.05, 0.4, count))
+        places = rng.normal(size=2) + times[:, None] * rng.normal(size=2) + rng.normal(0.0, 0.1, (count, 2))
+        each = [[[size, 0.0], [0.0, 0.5 * size]] for size in rng.uniform(0.005, 0.05, count).tolist()]
+        noise = ([[0.02, 0.006], [0.006, 0.008]], each, None)[number % 3]
+        seen = {"time": (times - times[-1]).tolist(), "position": places.tolist(), "covariance": noise}
+        obstacles.append(
+            {"id": f"o{number}", "shape": {"disc": 0.3}, "observations": seen, "model": models[number % 5]}
+        )
+        root = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-2.0, 0.0, 4)
+        told = {"time": 0.0, "position": [3.0, 4.0], "velocity": [0.5, 0.1], "covariance": (root @ root.T).tolist()}
+        obstacles.append({"id": f"t{number}", "shape": {"disc": 0.3}, "estimate": told, "model": models[number % 4]})
+    for level in ("per_time", "per_obstacle"):
+        far = {"start": {"position": [0.0, 500.0]}, "confidence": {"probability": 0.9, "level": level}}
+        at = np.array([0.0, 0.7, 3.0, 12.0])
+        for zone, obstacle in zip(sp.zones(scene(*obstacles, **far)), obstacles, strict=True):
+            (alone,) = sp.zones(scene(obstacle, **far))
+            assert zone.id == alone.id and zone.radius == pytest.approx(alone.radius, rel=1e-9)
+            np.testing.assert_allclose(zone.center(at), alone.center(at), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(zone.covariance(at), alone.covariance(at), rtol=1e-6, atol=1e-12)

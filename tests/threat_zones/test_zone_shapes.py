@@ -21,7 +21,7 @@ Array = np.ndarray
 def figure(obstacle: sp.Obstacle, t: float) -> Polygon:
     """The true outline at a time, made with shapely; the direction of motion by differences."""
     motion, shape = obstacle.motion, obstacle.shape
-    assert isinstance(motion, sp.Motion) and not isinstance(shape, sp.Disc)
+    assert isinstance(motion, sp.Motion)
 
     def centre(time: float) -> Array:
         time -= motion.reference_time
@@ -32,6 +32,8 @@ def figure(obstacle: sp.Obstacle, t: float) -> Polygon:
     heading = np.arctan2(*(centre(t + 1e-4) - centre(t - 1e-4))[::-1])
     if isinstance(shape, sp.PolygonShape):
         drawn = Polygon(shape.polygon)
+    elif isinstance(shape, sp.Disc):
+        drawn = Point(0.0, 0.0).buffer(shape.disc, quad_segs=4000)
     else:
         heading = shape.heading if shape.heading is not None else heading
         if isinstance(shape, sp.Rectangle):
