@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from scenes import disc, scene
@@ -69,31 +67,6 @@ def test_no_wall_lies_in_a_road_of_parts_that_share_their_ends(seed: int) -> Non
         assert max(Polygon(wall).intersection(road).area for wall in walls) < 1e-6 * road.area
         outside = road.buffer(0.5 * corridor.WALL).difference(unary_union([Polygon(wall) for wall in walls]))
         assert outside.area == pytest.approx(road.area, rel=1e-5)
-
-
-def test_edges_that_are_only_rounding_do_not_tell_polygons_apart() -> None:
-    """Two edges of the wall are 4e-14 long, and point anywhere."""
-    wall = (
-        (-3.4665853611371893, 17.383449334099772),
-        (6.221138148495861, 7.920997475235186),
-        (6.221138148495897, 7.920997475235175),
-        (6.221138148495899, 7.920997475235175),
-        (15.987755799167285, 6.491669122337892),
-        (17.892680068776883, 7.993390329196526),
-        (17.892680068776883, 17.608720984868228),
-        (-3.4665853611371893, 17.608720984868228),
-    )
-    part = (
-        (14.769961582564427, 6.463718297105394),
-        (14.873951978553054, 7.342328716564404),
-        (13.383414534878723, 7.442010446603154),
-        (13.297337569370379, 6.714749837081916),
-    )
-    assert Polygon(wall).intersection(Polygon(part)).area > 0.9
-    assert corridor._Ring(part, 1e-3).cuts([wall]) != [None]
-    edge = Polygon(part).buffer(1.0).exterior.coords[:-1]
-    away = tuple((x - 20.0, y - 20.0) for x, y in edge)
-    assert corridor._Ring(away, 1e-3).cuts([wall]) == [None]
 
 
 def any_convex(rng: np.random.Generator, size: float) -> Array:
@@ -278,40 +251,7 @@ def round_cells(count: int, corners: int) -> list[Ring]:
     return [(ring + np.array([5.0 * number, 0.0])).tolist() for number in range(count)]
 
 
-def test_polygons_of_many_corners_are_cut_only_by_edges_that_cross_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    cuts: list[int] = []
-    clipped = corridor._clipped
-
-    def counted(polygon: corridor.Polygon, a: planar.Point, b: planar.Point) -> corridor.Polygon:
-        cuts.append(len(polygon))
-        return clipped(polygon, a, b)
-
-    monkeypatch.setattr(corridor, "_clipped", counted)
-    cells = [[(x, y) for x, y in cell] for cell in round_cells(3, 60)]
-    walls = corridor.outside(cells, wall=2.0)
-    assert len(cuts) < 2 * 60 * (1 + 60 + 60) / 2, "by far not each piece by each edge"
-    inside = unary_union([Polygon(cell) for cell in cells])
-    low_x, low_y, high_x, high_y = inside.bounds
-    around = box(low_x - 2.0, low_y - 2.0, high_x + 2.0, high_y + 2.0)
-    assert unary_union([Polygon(wall) for wall in walls]).symmetric_difference(around - inside).area < 1e-6
-
-
 def test_polygons_of_too_many_corners_are_refused_at_once() -> None:
     assert scene(corridor=round_cells(5, corridor.MOST_CORNERS)[:1] + round_cells(5, 8)[1:]).corridor is not None
     with pytest.raises(sp.ScenarioError, match=r"corridor\[2\].* must have at most 100 corners, not 500"):
         scene(corridor=[*round_cells(2, 8), *round_cells(5, 500)[2:3], *round_cells(5, 8)[3:]])
-
-
-def test_what_lies_outside_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reading a scenario and each plan of it need it."""
-    outside, made = corridor.outside, []
-
-    def counted(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
-        made.append(len(polygons))
-        return outside(polygons)
-
-    monkeypatch.setattr(corridor, "outside", counted)
-    scenario = scene(goal={"position": [8.0, 9.0]}, corridor=[rectangle(-1, -1, 9, 1), rectangle(7, -1, 9.25, 11)])
-    for _ in range(2):
-        assert sp.plan(scenario).certified
-    assert made == [2]

@@ -52,24 +52,6 @@ def test_what_is_simple_what_is_convex_and_what_overlaps(seed: int) -> None:
         assert planar.overlap(convex, moved) == (common > 1e-12)
 
 
-def test_an_outline_of_many_corners_is_looked_at_in_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    turn = planar._turn
-    turns: list[planar.Point] = []
-
-    def counted(a: planar.Point, b: planar.Point, c: planar.Point) -> float:
-        turns.append(c)
-        return turn(a, b, c)
-
-    monkeypatch.setattr(planar, "_turn", counted)
-    angles = np.linspace(0.0, 2.0 * np.pi, 1001)[:-1]
-    reach = 1.0 + 0.3 * np.cos(40.0 * angles)
-    outline = list(zip((reach * np.cos(angles)).tolist(), (reach * np.sin(angles)).tolist(), strict=True))
-    assert planar.first_crossing(outline) is None
-    assert len(turns) < 100 * len(outline)  # not of each edge with each
-    outline[700], outline[701] = outline[701], outline[700]
-    assert planar.first_crossing(outline) == (699, 701)
-
-
 def test_distances_to_an_ellipse() -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 40_001)
     border = np.stack([2.0 * np.cos(angle), 0.4 * np.sin(angle)], axis=1)

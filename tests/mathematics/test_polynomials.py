@@ -97,22 +97,6 @@ def test_size_bounds_hold_on_every_interval() -> None:
                 assert np.all(sizes <= bounds + 1e-12)
 
 
-def test_pieces_are_found_whether_there_is_a_table_of_them_or_not() -> None:
-    """Those of polynomials with a few breakpoints in common, and of others that each have their own."""
-    times = np.concatenate([np.linspace(-1.0, 9.0, 41), [2.0, 3.0, 5.5]])
-    for count, shared in ((6, True), (40, False)):
-        inner = np.sort(RNG.choice([2.0, 3.0, 4.0, 5.5], (count, 2)) if shared else RNG.uniform(0.0, 8.0, (count, 2)))
-        ends = np.broadcast_to([[0.0, 8.0]], (count, 2))
-        breaks = np.concatenate([ends[:, :1], inner, ends[:, 1:]], axis=1)
-        batch = PiecewisePolynomials(breaks, RNG.normal(size=(count, 3, 2, 2)))
-        grid = batch.grid(times)
-        for k in range(count):
-            for row, time in enumerate(times):
-                piece = sum(time >= border for border in inner[k])
-                value = batch.coefficients[k, piece, 0] + (time - breaks[k, piece]) * batch.coefficients[k, piece, 1]
-                np.testing.assert_allclose(grid[row, k], value, rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize("shared", [True, False])
 def test_what_is_said_of_pieces_is_found_at_times(shared: bool) -> None:
     """Of polynomials with the same breakpoints, and of so many with their own that there is no table of all."""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.interpolate import BSpline
 
-from scp_planner.mathematics import splines
 from scp_planner.mathematics.splines import antiderivative_control_points, clamped_basis, clamped_knots, evaluate
 
 pytestmark = pytest.mark.numerics
@@ -40,18 +37,6 @@ def test_values_without_zeros_are_all_that_there_are(degree: int, breaks: tuple[
     for index, value in basis.weights_at(*basis.locate(x)):
         rows[np.arange(len(x)), index] = value
     np.testing.assert_allclose(rows, basis.rows(x), rtol=0.0, atol=1e-14)
-
-
-def test_values_at_many_parameters_are_made_in_parts_and_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    basis, x = clamped_basis(3, EVEN), np.random.default_rng(2).uniform(0.0, 1.0, 101)
-    whole = basis.rows(x)
-    monkeypatch.setattr(splines, "MOST_GATHERED", 7 * basis.coefficients[0].size)
-    assert np.array_equal(basis.rows(x), whole)
-    tracemalloc.start()
-    clamped_basis(3, tuple(np.linspace(0.0, 1.0, 301).tolist())).rows(np.linspace(0.0, 1.0, 3000))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2.5 * 8 * 3000 * 303  # the result, and not four times as much again for its making
 
 
 @pytest.mark.parametrize("degree", range(3))

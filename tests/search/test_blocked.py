@@ -6,19 +6,14 @@ import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
 
-from scp_planner.arrays import Array, Index
-from scp_planner.mathematics.intervals import Interval
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.search import blocked
-from scp_planner.search.blocked import Cells, Cuts, Lines
+from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings
-from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
-from scp_planner.threat_zones.sections import sections
 
 WALL = {
     "id": "wall",
@@ -93,7 +88,7 @@ def wall(x: float, low: float, high: float, half: float = 1.0) -> list[list[floa
     return [[x - half, low], [x + half, low], [x + half, high], [x - half, high]]
 
 
-def test_sides_are_shut_where_walls_leave_nothing_free_and_no_way_leads_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sides_are_shut_where_walls_leave_nothing_free_and_no_way_leads_there() -> None:
     """A street with a block in the middle: what overlaps in its wall above does not reach beyond the grid by itself."""
     above = [wall(10.0, 1.5, 4.0, 9.0), wall(10.0, 3.5, 30.0, 9.0)]
     scenario = scene(walls=[*above, wall(10.0, -30.0, -1.5, 9.0), wall(12.0, -0.2, 0.2)])
@@ -103,38 +98,10 @@ def test_sides_are_shut_where_walls_leave_nothing_free_and_no_way_leads_there(mo
     # The walls themselves are passed on one side alone, the block on both.
     assert shut == {(0, -1), (1, -1), (2, 1)}
     assert search.cells.shut([(3, 1), (0, -1)])
-    monkeypatch.setattr(Cells, "shut", lambda self, closed: False)
     for zone in range(4):
         for side in (1, -1):
             beyond = search.best(((zone, side),))
             assert (beyond is None) == ((zone, side) in shut)
-
-
-def test_what_stands_is_cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(scene(*CROSSERS, walls=[wall(12.0, -3.0, 1.0)]))
-    grid = Grid.of(problem, Fineness())
-    at_once, cuts = Cells(problem, grid).free, []
-    honest = Lines.cuts
-
-    def told(self: Lines, line: Index, delay: Index, zone: Index, times: Array) -> Cuts:
-        cuts.append(zone)
-        return honest(self, line, delay, zone, times)
-
-    monkeypatch.setattr(Lines, "cuts", told)
-    cells = Cells(problem, grid)
-    cells.look(1)
-    cells.look(DELAYS // 2)
-    np.testing.assert_array_equal(cells.free, at_once)
-    (standing,) = problem.zones.standing
-    assert sum(bool(np.any(some == standing)) for some in cuts) == 1
-
-
-def test_many_zones_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(scene(*CROSSERS, WALL, disc("still", (9.0, -0.5))))
-    grid = Grid.of(problem, Fineness())
-    whole = Cells(problem, grid).free
-    monkeypatch.setattr("scp_planner.search.blocked.MOST_LOOKS", 1)
-    np.testing.assert_array_equal(Cells(problem, grid).free, whole)
 
 
 def test_large_zones_block_what_each_of_them_blocks() -> None:
@@ -158,53 +125,3 @@ def test_the_workspace_is_kept() -> None:
     assert not free[:, grid.half_offsets > 2.5].any()
     assert not free[:, grid.half_offsets < -1.5].any()
     assert free[:, np.abs(grid.half_offsets) < 0.5].any()
-
-
-@pytest.mark.parametrize("count", [1, 400], ids=["cell by cell", "by ends"])
-def test_zones_that_reach_farther_than_any_index_block_whole_lines(count: int) -> None:
-    problem = problem_of(scene())
-    cells = Cells(problem, Grid.of(problem, Fineness()))
-    line = np.zeros(count, dtype=np.intp)
-    far = np.full(count, 1e25)
-    blocked = np.zeros((2, cells.shape[1], 1), dtype=np.bool_)
-    cells._mark(blocked, Cuts(line, line, line, -far, far, far), line)
-    assert blocked[0].all() and not blocked[1].any()
-    beyond = np.zeros_like(blocked)
-    cells._mark(beyond, Cuts(line, line, line, far, 2.0 * far, far), line)
-    cells._mark(beyond, Cuts(line, line, line, -2.0 * far, -far, far), line)
-    assert not beyond.any()
-
-
-def round_polygons(count: int, corners: int) -> Scenario:
-    """Polygons of many corners that stand and that pass."""
-    angles = 2.0 * np.pi * np.arange(corners) / corners
-    shape = {"polygon": np.stack([0.5 * np.cos(angles), 0.3 * np.sin(angles)], axis=1).tolist()}
-    moves = [{"position": [3.0 + 1.5 * k, (-1.0) ** k], "velocity": [0.0, 0.3 * (k % 2)]} for k in range(count)]
-    return scene(*({"id": f"p{k}", "shape": shape, "motion": move} for k, move in enumerate(moves)))
-
-
-def test_zones_of_many_corners_are_cut_in_parts_and_block_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(round_polygons(8, 200))
-    grid = Grid.of(problem, Fineness())
-    cut: list[int] = []
-
-    def counted(zones: ZoneBatch, index: np.ndarray, *rest: np.ndarray) -> Interval:
-        cut.append(len(index))
-        return sections(zones, index, *rest)
-
-    monkeypatch.setattr("scp_planner.search.blocked.sections", counted)
-    monkeypatch.setattr(blocked, "MOST_CUT", 2000)
-    in_parts, longest = Cells(problem, grid).free, max(cut)
-    monkeypatch.setattr(blocked, "USUAL_CORNERS", 10**6)
-    cut.clear()
-    assert np.array_equal(Cells(problem, grid).free, in_parts)
-    assert longest <= blocked.MOST_CUT / 40 < max(cut)  # 200 corners are forty times the usual ones
-
-
-def test_a_search_among_many_corners_ends_with_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    for corners, late in ((400, True), (4, False)):
-        problem = problem_of(round_polygons(6, corners))
-        cells = Cells(problem, Grid.of(problem, Fineness()), deadline=-1.0)
-        monkeypatch.setattr(blocked, "FEW_CELLS", 10**9)
-        assert cells.free is not None
-        assert cells.cut_off == late

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from scenes import scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
-from scp_planner.search.sweep import Begun, Sweep, WayEnds
+from scp_planner.search.sweep import Sweep, WayEnds
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
@@ -141,31 +140,6 @@ def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
             assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
 
 
-def test_what_is_not_kept_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    grid = small_grid()
-    free, ends = free_cells(grid, np.random.default_rng(0), 2), ends_of(grid)
-    whole = Sweep(grid, free, ends, always(grid))
-    monkeypatch.setattr("scp_planner.search.sweep.STRETCH", 3)
-    monkeypatch.setattr("scp_planner.search.sweep.MOST_KEPT", 0)
-    thin = Sweep(grid, free, ends, always(grid))
-    assert [i for i, some in enumerate(thin.reached) if some is not None] == [*range(0, grid.columns, 3), grid.columns]
-    for case in range(2):
-        delay = whole.first_arrival(case)
-        assert delay is not None and delay == thin.first_arrival(case)
-        expected, found = whole.trace(delay, case), thin.trace(delay, case)
-        for name in ("slope", "speed", "offset", "delay", "waited"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-
-
-def test_nothing_arrives_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scp_planner.search.sweep.LOOK_EACH", 5)
-    grid = small_grid()
-    free = free_cells(grid, np.random.default_rng(0), 1)
-    late = Sweep(grid, free, ends_of(grid), always(grid), deadline=-np.inf)
-    assert len(late.reached) == 5
-    assert late.first_arrival() is None
-
-
 def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
     """A wall that opens late: the way stands before it, and leaves when it opens."""
     grid = small_grid()
@@ -192,33 +166,3 @@ def test_rounding_of_shifts_does_not_add_up() -> None:
     few = exact[-1] - exact[grid.columns // 2] < DELAYS
     assert np.abs(error[:, few]).max() <= 1.0 + 1e-9
     assert few.sum() > 5
-
-
-def test_cases_do_not_touch_each_other() -> None:
-    grid = small_grid()
-    free, ends = free_cells(grid, np.random.default_rng(9), 4), ends_of(grid)
-    together = Sweep(grid, free, ends, always(grid))
-    alone = partial(Sweep, grid, ends=ends, in_time=always(grid))
-    for case in range(4):
-        one = alone(free=free[..., case : case + 1])
-        assert together.first_arrival(case) == one.first_arrival()
-
-
-@pytest.mark.parametrize("thin", [False, True])
-def test_a_sweep_goes_on_from_one_with_the_same_cells_until_there(monkeypatch: pytest.MonkeyPatch, thin: bool) -> None:
-    if thin:
-        monkeypatch.setattr("scp_planner.search.sweep.MOST_KEPT", 0.0)
-        monkeypatch.setattr("scp_planner.search.sweep.STRETCH", 3)
-    grid, rng = small_grid(), np.random.default_rng(12)
-    free, ends = free_cells(grid, rng, 1), ends_of(grid)
-    base = Sweep(grid, free, ends, always(grid))
-    changed, line = free.copy(), EACH_STATION * grid.columns // 2 + 1
-    changed[line:] &= free_cells(grid, rng, 1)[line:]
-    alone = Sweep(grid, changed, ends, always(grid))
-    further = Sweep(grid, changed, ends, always(grid), begun=Begun(base, (line - 1) // EACH_STATION))
-    assert further.arrivals == alone.arrivals != base.arrivals
-    assert [further.at(i) for i in range(grid.columns + 1)] == [alone.at(i) for i in range(grid.columns + 1)]
-    delay = alone.first_arrival()
-    assert delay is not None
-    for mine, its in zip(vars(further.trace(delay)).values(), vars(alone.trace(delay)).values(), strict=True):
-        np.testing.assert_array_equal(mine, its)

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import pickle
-import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from clock import FakeClock
 from scenes import CROSSERS, VEHICLE, scene
 
-import scp_planner
 import scp_planner as sp
-from scp_planner.baseline import comparison
 from scp_planner.baseline.descent_settings import DescentSettings, Variant
-from scp_planner.baseline.methods import Method
 from scp_planner.batch import jobs
 from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
-from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
@@ -65,11 +57,10 @@ def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings
 
 
 @pytest.mark.parametrize(("name", "value"), ENDS)
-def test_the_ends_of_every_range_can_be_planned_with(name: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    FakeClock(0.02).rule(monkeypatch)  # the limit is 50 looks at the clock, on a busy machine, too
+def test_the_ends_of_every_range_can_be_planned_with(name: str, value: float) -> None:
     change: dict[str, Any] = {name: value}
     settings = replace(sp.Settings(), **change)
-    plan = sp.plan(scene(CROSSERS[0]), settings, time_limit=1.0)
+    plan = sp.plan(scene(CROSSERS[0]), settings, time_limit=0.5)
     assert 6.0 < plan.travel_time < 60.0
     assert plan.certified or plan.reason
 
@@ -191,28 +182,9 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Steering: ("steering", lambda word: sp.Vehicle(**VEHICLE, steering=word).steering),
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),
     Variant: ("variant", lambda word: DescentSettings(variant=word).variant),
-    Method: ("methods", lambda word: _method_compared(word)),
     jobs.PlanningMethod: ("method", lambda word: jobs.Options(method=word).method),
-    View: ("view", lambda word: _view_drawn(word)),
 }
 """What takes the words of users, by its enum: the name in its messages, and what it makes of a word."""
-
-NOT_GIVEN = {
-    "scp_planner.errors.Missing",
-    "scp_planner.certificate.verdict.Ends",
-    "scp_planner.cli.application.ExitCode",
-    "scp_planner.scp.record.LoopStatus",
-    "scp_planner.baseline.descent_run.DescentStatus",
-    "scp_planner.planning.plan.PlanStatus",
-    "scp_planner.online.sorted_tracks.TrackKind",
-    "scp_planner.online.plan.Outcome",
-    "scp_planner.batch.executor.Fate",
-    "scp_planner.solvers.interface.SolverStatus",
-    "scp_planner.studies.consistency.Fit",
-    "scp_planner.studies.field.ZoneKind",
-    "scp_planner.formats.commonroad.cars.VehicleModel",  # words that the reader of CommonRoad refuses by itself
-}
-"""Outcomes and labels, which nobody sets."""
 
 
 def _noise_taken(word: Any) -> Noise:
@@ -221,45 +193,6 @@ def _noise_taken(word: Any) -> Noise:
     positions = np.stack([times, np.array([0.0, 3.0, -2.0, 1.0, 4.0, -1.0, 2.0, 0.5])], axis=-1)
     sigma = sp.estimate_motion(times, positions, order=1, noise=word).noise_covariance
     return Noise.ISOTROPIC if sigma[0, 0] == pytest.approx(sigma[1, 1]) else Noise.GENERAL
-
-
-def _method_compared(word: Any) -> Method:
-    quick = sp.Settings(path_span=4.0, acceleration_spans=4, samples=40)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(comparison, "DescentSettings", partial(DescentSettings, evaluations=5))
-        (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
-    return trial.method
-
-
-def _view_drawn(word: Any) -> View:
-    figures = pytest.importorskip("matplotlib.figure")
-    drawn = {view: figures.Figure() for view in View}
-    with pytest.MonkeyPatch.context() as patch:
-        for view, name in zip(View, ("plot_plan", "plot_space_time", "plot_profiles"), strict=True):
-            patch.setattr(views, name, lambda *_, figure=drawn[view], **__: figure)
-        found = views.plot_view(sp.plan(scene()), scene(), view=word)
-    return next(view for view, figure in drawn.items() if figure is found)
-
-
-def _enums() -> dict[str, type[Enum]]:
-    """Give all enums of the package, by module and name."""
-    for module in pkgutil.walk_packages(scp_planner.__path__, "scp_planner."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
-    found: dict[str, type[Enum]] = {}
-    kinds: list[type[Enum]] = [Enum]
-    while kinds:
-        kind = kinds.pop()
-        kinds += kind.__subclasses__()
-        if kind.__module__.startswith("scp_planner"):
-            found[f"{kind.__module__}.{kind.__name__}"] = kind
-    return found
-
-
-def test_every_enum_is_taken_somewhere_or_is_an_outcome() -> None:
-    enums = _enums()
-    assert enums.keys() >= NOT_GIVEN
-    assert {name for name, kind in enums.items() if kind not in TAKERS} == NOT_GIVEN
 
 
 @pytest.mark.parametrize("kind", TAKERS, ids=lambda kind: f"{kind.__module__}.{kind.__name__}")
@@ -272,13 +205,6 @@ def test_words_become_members_and_others_are_refused(kind: type[Enum]) -> None:
     for wrong in ("sideways", kind.__members__.__iter__().__next__() + "?", 3, None, []):
         with pytest.raises(ValueError, match=rf"{name} = .*: must be one of"):
             take(wrong)
-
-
-def test_the_word_for_safety_is_in_force() -> None:
-    for word, stops_will_do in (("stop", True), ("trip", False)):
-        planner = sp.Planner(scene(), online=sp.OnlineSettings(safety=word))  # type: ignore[arg-type]
-        assert planner._means.vetting.stops_will_do is stops_will_do
-        assert planner.online.safety is Safety(word)
 
 
 def test_settings_within_settings_are_of_their_kind() -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from programs import INFEASIBLE_PROGRAM, SEEDS, Array, known_program, long_program, optimality
+from programs import SEEDS, known_program, optimality
 
 from scp_planner.solvers import (
     QuadraticProgram,
     SolverStatus,
-    daqp_solver,
     solver_named,
 )
 from scp_planner.solvers.interface import LONGEST_SOLVE
@@ -38,20 +36,6 @@ def test_daqp_takes_any_guess_of_the_active_constraints(seed: int, guess: str) -
     assert solution.x == pytest.approx(x, abs=1e-8)
 
 
-@pytest.mark.parametrize("flag", range(-8, 3))
-def test_every_status_of_daqp_is_mapped(monkeypatch: pytest.MonkeyPatch, flag: int) -> None:
-    answer = (np.zeros(2), 0.0, flag, {"lam": np.zeros(3)})
-    monkeypatch.setattr("daqp.solve", lambda *_, **__: answer)
-    expected = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
-    expected[-6] = SolverStatus.INFEASIBLE  # of the equalities alone, as nothing else is taken as active here
-    assert solver_named("daqp").solve(INFEASIBLE_PROGRAM).status is expected.get(flag, SolverStatus.FAILED)
-
-
-def test_daqp_ends_at_its_limit_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(daqp_solver, "_ITERATIONS", (50, 0))
-    assert solver_named("daqp").solve(long_program()).status is SolverStatus.FAILED
-
-
 @pytest.mark.parametrize("guess", ["none", "everything"])
 def test_programs_of_very_many_rows_may_take_many_iterations(guess: str) -> None:
     """On the border of a ball, each of whose 3,000 tangents may become active on the way to the minimiser."""
@@ -73,19 +57,3 @@ def test_programs_of_very_many_rows_may_take_many_iterations(guess: str) -> None
     solution = solver_named("daqp").solve(program)
     assert solution.status is SolverStatus.OPTIMAL
     assert optimality(program, solution) < 1e-8
-
-
-def test_what_daqp_did_not_write_is_a_failure_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Memory may hold numbers that are none and signal that to whoever adds them up."""
-    signalling = np.full(3, 0x7FF0000000000001, dtype=np.uint64).view(float)
-
-    def unwritten(*_: Any, **__: Any) -> tuple[Array, float, int, dict[str, Array]]:
-        return np.zeros(2), 0.0, 1, {"lam": signalling}
-
-    monkeypatch.setattr("daqp.solve", unwritten)
-    program = QuadraticProgram(
-        np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones((1, 2)), np.ones(1), 0, time_limit=LONGEST_SOLVE
-    )
-    found = solver_named("daqp").solve(program)
-    assert found.status is SolverStatus.FAILED
-    assert np.isfinite(found.multipliers).all()

@@ -6,16 +6,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
-from types import SimpleNamespace
 from typing import Any
 
-import clarabel
 import numpy as np
-import osqp
 import pytest
-from programs import INFEASIBLE_PROGRAM, SEEDS, Array, box, known_program, long_program, optimality, with_rows
-from scenes import CROSSERS, scene
+from programs import SEEDS, box, known_program, long_program, optimality, with_rows
 
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.models import Scenario
@@ -29,7 +24,7 @@ from scp_planner.solvers import (
     SolverStatus,
     solver_named,
 )
-from scp_planner.solvers.interface import LONGEST_SOLVE, SOLVERS
+from scp_planner.solvers.interface import SOLVERS
 from scp_planner.threat_zones.of_scenario import zones
 
 pytestmark = pytest.mark.numerics
@@ -157,42 +152,6 @@ def test_solve_leaves_the_program_alone(solver: QpSolver) -> None:
     assert not any(np.shares_memory(solution.x, getattr(program, name)) for name in kept)
 
 
-@pytest.mark.parametrize("status", [name for name in dir(clarabel.SolverStatus) if name[0].isupper()])
-def test_every_status_of_clarabel_is_mapped(monkeypatch: pytest.MonkeyPatch, status: str) -> None:
-    class Stub:
-        def __init__(self, hessian: Any, gradient: Array, matrix: Any, bound: Array, *_: Any) -> None:
-            self._sizes = len(gradient), len(bound)
-
-        def solve(self) -> SimpleNamespace:
-            size, rows = self._sizes
-            return SimpleNamespace(
-                status=getattr(clarabel.SolverStatus, status), x=np.zeros(size), z=np.zeros(rows), s=np.zeros(rows)
-            )
-
-    monkeypatch.setattr("clarabel.DefaultSolver", Stub)
-    expected = {
-        "Solved": SolverStatus.OPTIMAL,
-        "AlmostSolved": SolverStatus.OPTIMAL,
-        "PrimalInfeasible": SolverStatus.INFEASIBLE,
-        "AlmostPrimalInfeasible": SolverStatus.INFEASIBLE,
-    }
-    assert solver_named("clarabel").solve(INFEASIBLE_PROGRAM).status is expected.get(status, SolverStatus.FAILED)
-
-
-@pytest.mark.parametrize("status", list(osqp.SolverStatus), ids=lambda status: status.name)
-def test_every_status_of_osqp_is_mapped(monkeypatch: pytest.MonkeyPatch, status: osqp.SolverStatus) -> None:
-    def answer(*_: Any, **__: Any) -> SimpleNamespace:
-        return SimpleNamespace(x=np.zeros(2), y=np.zeros(3), info=SimpleNamespace(status_val=int(status)))
-
-    monkeypatch.setattr("osqp.OSQP.solve", answer)
-    expected = {
-        osqp.SolverStatus.OSQP_SOLVED: SolverStatus.OPTIMAL,
-        osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE: SolverStatus.INFEASIBLE,
-        osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE: SolverStatus.INFEASIBLE,
-    }
-    assert solver_named("osqp").solve(INFEASIBLE_PROGRAM).status is expected.get(status, SolverStatus.FAILED)
-
-
 def test_unknown_solver_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match=r"'gurobi'.*daqp, clarabel, osqp, cvxpy"):
         solver_named("gurobi")
@@ -253,29 +212,3 @@ def test_a_solver_that_has_no_time_left_fails(solver: QpSolver) -> None:
     program = long_program()
     assert solver.solve(program).status is SolverStatus.OPTIMAL
     assert solver.solve(replace(program, time_limit=1e-6)).status is SolverStatus.FAILED
-
-
-class _Watched:
-    """DAQP that notes the limits of time that it is given."""
-
-    name = "watched"
-
-    def __init__(self) -> None:
-        self.limits: list[float] = []
-
-    def solve(self, program: QuadraticProgram) -> Solution:
-        self.limits.append(program.time_limit)
-        return solver_named("daqp").solve(program)
-
-
-def test_what_is_left_until_the_deadline_is_the_limit_of_the_solver() -> None:
-    scenario = scene(*CROSSERS)
-    problem, solver = build_problem(scenario, zones(scenario), Settings()), _Watched()
-    start, loop = next(iter(bows(problem))), ScpLoop(problem, solver)
-    loop.run(start, 3)
-    assert set(solver.limits) == {LONGEST_SOLVE}
-    solver.limits.clear()
-    loop.run(start, 3, deadline=perf_counter() + 0.5 * LONGEST_SOLVE)
-    assert solver.limits
-    assert all(0.0 < limit <= 0.5 * LONGEST_SOLVE for limit in solver.limits)
-    assert np.all(np.diff(solver.limits) < 0.0)
