@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,8 @@ import pytest
 from batches import Here, results_of, rows_in
 from command import run
 
-from scp_planner.batch import dask_cluster, runner
 from scp_planner.batch.dask_cluster import DaskExecutor
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
-from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 
 
@@ -48,44 +46,24 @@ def test_a_scheduler_that_does_not_answer_is_named(cluster: Any) -> None:
 
 
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1", "carrier-pigeon://127.0.0.1:8786"])
-def test_what_is_no_address_is_refused_before_a_client_is_made(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip("distributed", reason="needs dask.distributed, which is not installed")
-    monkeypatch.setattr(distributed, "Client", None)  # one without a scheduler says so on stderr when it is collected
+def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(ExecutorError, match=f"no Dask scheduler answers at {address}: "):
         DaskExecutor(address)
 
 
-def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(
-    cluster: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(cluster: Any, folder: Path, tmp_path: Path) -> None:
     from distributed import LocalCluster
 
-    take = runner._Batch.take
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as other:  # type: ignore[no-untyped-call]
+        executor = DaskExecutor(other.scheduler_address)
 
-        def take_and_go(batch: Any, answer: Any) -> None:
-            take(batch, answer)
-            other.close()
+        def go(done: int, _: str) -> None:
+            if done == 2:
+                other.close()
 
-        monkeypatch.setattr(runner._Batch, "take", take_and_go)
-        result = run("batch", folder, "--dask", other.scheduler_address, "-o", tmp_path / "t.csv")
-    assert (result.exit_code, result.stdout) == (4, "")
-    assert "has gone: 2 of 4 rows are in" in result.stderr
+        with pytest.raises(ExecutorError, match="has gone"), closing(executor):
+            run_batch(scenario_files(folder), tmp_path / "t.csv", executor, progress=go)
     assert rows_in(tmp_path / "t.csv") == 2
-
-
-def test_a_cluster_that_goes_before_the_first_row_is_no_bad_input(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def go(*_: object) -> Generator[Any, None, None]:
-        raise ExecutorError("all workers have gone")
-        yield  # type: ignore[unreachable]  # makes it a generator
-
-    monkeypatch.setattr(LocalExecutor, "run", go)
-    result = run("batch", folder, "-o", tmp_path / "t.csv")
-    assert (result.exit_code, result.stdout) == (4, "")
-    assert result.stderr.startswith("all workers have gone: 0 of 4 rows are in")
-    assert not (tmp_path / "t.csv").exists()
 
 
 def test_a_batch_on_dask_is_the_same_as_here(cluster: Any, folder: Path, tmp_path: Path) -> None:
@@ -95,10 +73,9 @@ def test_a_batch_on_dask_is_the_same_as_here(cluster: Any, folder: Path, tmp_pat
     assert (tmp_path / "dask.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
 
 
-def test_a_cluster_without_workers_is_not_waited_for_for_ever(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_without_workers_is_not_waited_for_for_ever(cluster: Any) -> None:
     from distributed import LocalCluster
 
-    monkeypatch.setattr(dask_cluster, "LOOK_TIME", 0.05)
     with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:  # type: ignore[no-untyped-call]
         with closing(DaskExecutor(empty.scheduler_address, patience=0.2)) as executor:
             with pytest.raises(ExecutorError, match="has had no workers for"):

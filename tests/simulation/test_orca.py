@@ -132,17 +132,6 @@ def test_least_bad_velocity_is_that_of_linprog() -> None:
     assert bad > 20
 
 
-def test_bodies_do_not_depend_on_who_else_is_asked() -> None:
-    rng = np.random.default_rng(5)
-    rows, wanted, top = rows_of(rng, 12, 5, -0.2), rng.uniform(-1.0, 1.0, (12, 2)), np.full(12, 0.8)
-    together = nearest_velocities(rows, wanted, top)
-    for k in range(12):
-        alone = nearest_velocities(
-            HalfPlanes(rows.normal[k : k + 1], rows.offset[k : k + 1]), wanted[k : k + 1], top[:1]
-        )
-        assert alone[0] == pytest.approx(together[k], abs=1e-9)
-
-
 def test_without_rows_the_wish_is_granted_up_to_the_top_speed() -> None:
     none = HalfPlanes(np.zeros((2, 0, 2)), np.zeros((2, 0)))
     wanted = np.array([[0.3, 0.4], [3.0, 4.0]])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,6 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.errors import StudyError
-from scp_planner.studies import consistency
 from scp_planner.studies.consistency import (
     FEWEST_REPETITIONS,
     OTHER_WAY,
@@ -288,52 +285,16 @@ def test_one_size_has_no_slope() -> None:
 # results on disk
 
 
-def drawn(settings: ConsistencySettings, task: Replication) -> list[Record]:
-    """What a repetition might have measured: how results are kept does not depend on it."""
-    rng = np.random.default_rng([settings.seed, task.size, task.repetition])
-    values = {metric.name: float(rng.gamma(4.0)) for metric in METRICS}
-    return [Record(task, kind, values | {OTHER_WAY: 0.0}) for kind in ZoneKind]
-
-
-@pytest.fixture
-def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(consistency, "_measure", drawn)
-
-
-@pytest.mark.usefixtures("quickly")
-def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = run_consistency(TINY, folder=tmp_path)
-
-    def refuse(*_: object) -> None:
-        raise AssertionError("measured again")
-
-    monkeypatch.setattr(consistency, "_measure", refuse)
-    assert run_consistency(TINY, folder=tmp_path) == first
-
-
-@pytest.mark.usefixtures("quickly")
-def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = run_consistency(TINY)
-    measure = consistency._measure
-    done: list[Replication] = []
-
-    def interrupted(settings: ConsistencySettings, task: Replication) -> list[Record]:
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(task)
-        return measure(settings, task)
-
-    monkeypatch.setattr(consistency, "_measure", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_consistency(TINY, folder=tmp_path)
+def test_results_are_kept_and_an_interrupted_study_goes_on(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The power goes off in the middle of the second line."""
+    settings = replace(TINY, sizes=(100,), points=8)
+    whole = run_consistency(settings, folder=tmp_path, progress=True)
+    assert capfd.readouterr().err == "", "no bar without a terminal"
     file = tmp_path / RESULTS
-    assert len(file.read_text().splitlines()) == 2
-    # the power went off in the middle of a third line
-    with open(file, "a") as stream:
-        stream.write('{"study": "')
-    monkeypatch.setattr(consistency, "_measure", measure)
-    assert run_consistency(TINY, folder=tmp_path) == whole
-    assert len([json.loads(line) for line in file.read_text().splitlines()]) == 4
+    first, second = file.read_text().splitlines()
+    file.write_text(first + "\n" + second[:11])
+    assert run_consistency(settings, folder=tmp_path) == whole
+    assert sorted(file.read_text().splitlines()) == sorted([first, second])
 
 
 @pytest.mark.slow
@@ -379,10 +340,3 @@ def test_tables_and_figures_are_written(quick: ConsistencyResult, tmp_path: Path
     assert table[1].split()[:2] == ["zones", "noise"]
     assert len(table) == 15
     assert table[12].split()[:3] == ["zones", "noise", "offsets"]
-
-
-@pytest.mark.usefixtures("quickly")
-def test_no_bar_without_a_terminal(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    run_consistency(replace(TINY, sizes=(100,)), folder=tmp_path, progress=True)
-    assert capfd.readouterr().err == ""
-    assert os.listdir(tmp_path) == [RESULTS]

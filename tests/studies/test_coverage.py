@@ -10,7 +10,6 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from scp_planner.cli import app
-from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.estimate import estimate_motion
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -162,30 +161,6 @@ def test_recorded_study_counts_what_it_says() -> None:
     folds = [cases["random_walk", "per_time", fold, 2.0].coverage for fold in (0, 1)]
     assert both.coverage == pytest.approx(np.mean(folds))
     assert "wander" in summary_of_recorded(results)
-
-
-def test_polynomials_believed_exactly_are_those_of_the_package() -> None:
-    tracks = wanderers(8, 14)
-    results = measure_recorded_coverage_of_polynomials(tracks)
-    inside, areas = [], []
-    for track in tracks.halves()[0]:
-        for last in range(7, 13):
-            seen = estimate_motion(track.times[last - 7 : last + 1], track.positions[last - 7 : last + 1])
-            offset = track.positions[last + 1] - seen.position(track.times[last + 1])
-            covariance = seen.covariance(track.times[last + 1])
-            q = region_scale("per_time", 0.95, seen)
-            inside.append(offset @ np.linalg.solve(covariance, offset) <= q)
-            areas.append(q * math.sqrt(np.linalg.det(covariance)))
-    assert results.coverage == pytest.approx(np.mean(inside))
-    assert results.radius == pytest.approx(math.sqrt(np.mean(areas)))
-
-
-def measure_recorded_coverage_of_polynomials(tracks: Tracks):  # type: ignore[no-untyped-def]
-    from scp_planner.studies import recorded
-
-    samples = recorded._of_polynomial(0, "quadratic", 2, tracks.halves()[0], 8, {0.4: 0.9}, 0.95)
-    exact = next(s for s in samples if s.model == "quadratic")
-    return recorded._measured("", 0.95, 0, [exact])
 
 
 @pytest.mark.parametrize("name", ["hotel", *(pytest.param(name, marks=pytest.mark.slow) for name in ("eth", "univ"))])

@@ -12,7 +12,6 @@ from scenes import VEHICLE
 from scipy.interpolate import CubicSpline
 
 from scp_planner.arrays import Array
-from verification import distances
 from verification.dense_check import check_trip
 from verification.distances import distance_to_uncertain, signed_distance
 from verification.places import disc_centres
@@ -239,17 +238,3 @@ def test_the_least_distance_from_a_region_is_that_of_each_sample_by_itself(shape
     assert found.min() == pytest.approx(min(alone), rel=1e-12)
     assert np.argmin(found) == np.argmin(alone)
     assert (found >= np.array(alone) - 1e-12).all()
-
-
-def test_a_trip_past_a_region_is_not_looked_at_from_every_place_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    looked, judge = [], distances.distance_to_ellipses
-
-    def counted(points: Array, matrices: Array) -> Array:
-        looked.append(len(points))
-        return judge(points, matrices)
-
-    monkeypatch.setattr(distances, "distance_to_ellipses", counted)
-    times = np.linspace(0.0, 1.0, 20_001)
-    places = np.stack([40.0 * times - 15.0, np.full(times.size, 8.0)], axis=1)
-    distance_to_uncertain(_standing_somewhere({"ellipse": [1.5, 0.4]}), times, places, 2.0)
-    assert sum(looked) < 4 * times.size

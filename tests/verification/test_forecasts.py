@@ -9,8 +9,6 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.estimate import estimate_obstacle
-from verification import distances
-from verification.findings import Tolerances
 from verification.forecasts import foretold, system_of
 
 PROCESSES: list[dict[str, Any]] = [
@@ -80,20 +78,3 @@ def test_two_observations_of_a_known_speed_are_averaged() -> None:
     found = foretold({"id": "o", "shape": {"disc": 0.3}, "observations": seen, "model": model}, np.array([0.0, 2.0]))
     assert found.centres == pytest.approx(np.array([[0.1, 0.0], [0.1, 0.0]]), abs=1e-6)
     assert found.errors == pytest.approx(np.array([0.02 * np.eye(2)] * 2), abs=1e-6)
-
-
-def test_forecasts_in_parts_are_those_of_all_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where one time more than fits into a part is asked for: a part of one would have nothing to lie between."""
-    seen: dict[str, Any] = {
-        "time": [-0.3, -0.2, -0.1, 0.0],
-        "position": [[3.0, 0.1], [3.1, 0.0], [3.2, 0.1], [3.3, 0.0]],
-    }
-    seen["covariance"] = [[0.01, 0.0], [0.0, 0.01]]
-    obstacle = {"id": "a", "shape": {"disc": 0.3}, "observations": seen, "model": {"process": _model(PROCESSES[0])}}
-    times = np.linspace(0.0, 2.0, 301)
-    place = np.stack([times, np.ones_like(times)], axis=1)
-    data = {"vehicle": {"radius": 0.2}, "obstacles": [obstacle]}
-    whole = distances.clearances(data, times, place, Tolerances(), {"a": 6.0})
-    monkeypatch.setattr(distances, "AT_ONCE", 300)
-    parts = distances.clearances(data, times, place, Tolerances(), {"a": 6.0})
-    assert parts[0].value == pytest.approx(whole[0].value, abs=1e-9)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,14 +22,11 @@ from scp_planner.cli import app
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 
-from scp_planner.errors import TooLargeError
 from scp_planner.formats.commonroad.cars import CARS, VehicleModel, car_named, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, seen_heading
 from scp_planner.formats.commonroad.planning import plan_commonroad
 from scp_planner.formats.commonroad.reading import load_commonroad
 from scp_planner.formats.commonroad.solution import export_commonroad_solution
-from scp_planner.planning import offline
-from scp_planner.planning.plan import PlanStatus
 
 LENGTH, LANE = 120.0, 3.5
 STEP = 0.1
@@ -272,43 +268,6 @@ def test_a_gap_hardly_wider_than_the_car_is_driven_through(road_file: Path) -> N
     assert made.plan.certified
     first = load_commonroad(road_file, model="KS").vehicle
     assert CARS["BMW_320i"].width < 2.0 * made.scenario.vehicle.radius < gap < 2.0 * first.radius
-
-
-def test_trials_that_there_is_no_time_for_leave_what_there_is(road_file: Path, monkeypatch: Any) -> None:
-    """Goals of time alone are tried at several places; here the time is over after the first."""
-    fast = goal(speed="<velocity><intervalStart>45</intervalStart><intervalEnd>46</intervalEnd></velocity>")
-    road_file.write_text(road(fast.replace("<intervalStart>1<", "<intervalStart>20<")), encoding="utf-8")
-    asked = []
-
-    def planned(scenario: sp.Scenario, *rest: Any, **more: Any) -> sp.Plan:
-        asked.append(scenario)
-        if len(asked) > 1:
-            raise TooLargeError("the time is over")
-        return offline.planned(scenario, *rest, **more)
-
-    monkeypatch.setattr("scp_planner.formats.commonroad.planning.planned", planned)
-    made = plan_commonroad(road_file, model="PM")
-    assert len(asked) > 1
-    assert made.scenario is asked[0]
-    assert not made.plan.certified
-
-
-def test_all_aims_are_tried_before_the_first_one_is_tried_thoroughly(road_file: Path, monkeypatch: Any) -> None:
-    """Nothing is ever certified: what takes longest comes last, for the aim that would be reached first."""
-    asked = []
-
-    def planned(scenario: sp.Scenario, *rest: Any, thorough: bool, **more: Any) -> sp.Plan:
-        asked.append((scenario, thorough))
-        found = offline.planned(scenario, *rest, thorough=thorough, **more)
-        return replace(found, status=PlanStatus.INFEASIBLE)
-
-    monkeypatch.setattr("scp_planner.formats.commonroad.planning.planned", planned)
-    assert not plan_commonroad(road_file, model="KS").plan.certified
-    assert [thorough for _, thorough in asked] == [False] * (len(asked) - 1) + [True]
-    aims = [scenario for scenario, thorough in asked if not thorough]
-    assert len({scenario.goal.position for scenario in aims}) > 2
-    assert asked[-1][0] == aims[0]
-    assert all(one != other for one, other in pairwise(aims)), "where an aim is another one, it is not tried twice"
 
 
 def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:
