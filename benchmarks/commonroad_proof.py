@@ -16,6 +16,7 @@ So the least distance from the goal's rectangle is a bound, at each time at whic
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -28,14 +29,32 @@ cp: Any = import_module("cvxpy")  # its types leave out most of what is used her
 
 CAR = CARS["BMW_320i"]
 SPEED, HEADING = 10.0, -0.979
-MIDDLE, LENGTH, WIDTH, TURN = np.array([21.0, -26.5]), 8.1405, 2.7135, -0.28186
-ALLOWED = 0.17453
 STEP, LAST = 0.1, 23
 FINENESS = 5
 """Steps of the bound in one of the file."""
 
 
-def least_miss(time: float, steps: int, ahead: float = 1.0) -> float:
+@dataclass(frozen=True)
+class Goal:
+    """A rectangle that the middle of the car has to be in, and how far its heading may be off the x-axis."""
+
+    middle: tuple[float, float] = (21.0, -26.5)
+    length: float = 8.1405
+    width: float = 2.7135
+    turn: float = -0.28186
+    allowed: float = 0.17453
+
+    @property
+    def axes(self) -> Array:
+        """The directions of the sides, (2, 2)."""
+        along, across = np.cos(self.turn), np.sin(self.turn)
+        return np.array([[along, across], [-across, along]])
+
+
+GOAL = Goal()
+
+
+def least_miss(time: float, steps: int, ahead: float = 1.0, goal: Goal = GOAL) -> float:
     """Bound how far from the goal's rectangle the middle of the car is at a time, m.
 
     Parameters
@@ -45,6 +64,7 @@ def least_miss(time: float, steps: int, ahead: float = 1.0) -> float:
     steps : int
     ahead : float
         1 if it drives forwards at the end, -1 if backwards.
+    goal : Goal
 
     Returns
     -------
@@ -56,25 +76,20 @@ def least_miss(time: float, steps: int, ahead: float = 1.0) -> float:
     energy = SPEED**2 + 2.0 * most * CAR.switching_speed * h * np.arange(steps + 1)
     ends = 0.5 * (velocity[1:] + velocity[:-1])
     place = h * cp.sum(mean, axis=0) + CAR.rear_axle * (heading - first)
-    beyond = _axes() @ (place - MIDDLE)
-    over = cp.hstack([cp.pos(cp.abs(beyond[0]) - 0.5 * LENGTH), cp.pos(cp.abs(beyond[1]) - 0.5 * WIDTH)])
+    beyond = goal.axes @ (place - np.array(goal.middle))
+    over = cp.hstack([cp.pos(cp.abs(beyond[0]) - 0.5 * goal.length), cp.pos(cp.abs(beyond[1]) - 0.5 * goal.width)])
     kept = [
         velocity[0] == SPEED * first,
         cp.norm(velocity[1:] - velocity[:-1], 2, axis=1) <= most * h,
         cp.norm(velocity, 2, axis=1) <= np.sqrt(energy),
         cp.norm(mean - ends, 2, axis=1) <= 0.25 * most * h,
-        cp.abs(velocity[-1, 1]) <= np.tan(ALLOWED) * ahead * velocity[-1, 0],
-        cp.abs(heading[1]) <= np.sin(ALLOWED),
-        heading[0] >= np.cos(ALLOWED),
+        cp.abs(velocity[-1, 1]) <= np.tan(goal.allowed) * ahead * velocity[-1, 0],
+        cp.abs(heading[1]) <= np.sin(goal.allowed),
+        heading[0] >= np.cos(goal.allowed),
         heading[0] <= 1.0,
         cp.norm(over, 2) <= miss,
     ]
     return float(cp.Problem(cp.Minimize(miss), kept).solve(solver="CLARABEL"))
-
-
-def _axes() -> Array:
-    """The directions of the goal's sides, (2, 2)."""
-    return np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
 
 
 def main() -> None:

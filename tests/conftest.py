@@ -76,20 +76,6 @@ def log_level() -> Iterator[None]:
     logger.setLevel(level)
 
 
-@pytest.fixture
-def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what takes most of the time: places and margins of axes, where a test looks at what they show."""
-    for module in ("animation", "figures", "sketches", "space_time"):
-        monkeypatch.setattr(f"scp_planner.plotting.{module}.settle", lambda figure: figure.set_layout_engine(None))
-
-
-@pytest.fixture
-def coarse_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Look for lower bounds with few cells, where a test does not look at how high they are: they are as true."""
-    for cells in ("SOME_CELLS", "CELLS"):
-        monkeypatch.setattr(f"scp_planner.certificate.lower_bound.{cells}", 9000)
-
-
 @pytest.fixture(scope="session")
 def recorded_data() -> Path:
     """Folder of recorded motions; skips where there is none, but fails in CI."""

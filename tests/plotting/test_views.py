@@ -21,7 +21,6 @@ def test_views_of_a_plan(radar: Case, view: View) -> None:
     assert_legible(plan.plot(scenario, view=view))
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_plans_and_runs_are_drawn_as_they_are_plotted(radar: Case, drive: sp.Run, tmp_path: Path) -> None:
     plan, scenario = radar
     view = View.PROFILES
@@ -48,7 +47,6 @@ def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
             draw()
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) -> None:
     alone = radar[0].plot(radar[1], view="profiles")
     for title in ("speed (m/s)", "acceleration (m/s²)", "lateral", "curvature", "clearance"):
@@ -57,7 +55,6 @@ def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) ->
         assert panel_of(alone, title).get_xlim() == panel_of(figure, title).get_xlim()
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_map_of_a_run_shows_what_was_driven_and_planned(drive: sp.Run) -> None:
     axes = map_of(drive.plot())
     discs = [patch for patch in axes.patches if isinstance(patch, Circle) and patch.radius == 0.3]

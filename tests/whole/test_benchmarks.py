@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -16,9 +15,7 @@ from benchmarks import common, families, online, online_answers, online_crowds, 
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
-from benchmarks.peers.slsqp import Slsqp, _length, _Model
 from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
-from benchmarks.report import peers as peers_report
 from benchmarks.report.__main__ import main as write_page
 from scp_planner.scenario import units
 from verification.dense_check import check_trip
@@ -36,21 +33,6 @@ def test_random_scenarios_are_valid_and_reproducible(family: str) -> None:
     scenario = families.as_scenario(first)
     assert isinstance(scenario, scp_planner.Scenario)
     assert len(scenario.obstacles) == len(first["obstacles"])
-
-
-def test_far_scenarios_share_their_near_obstacles() -> None:
-    few, many = (families.random_scenario(f"far{n}", np.random.default_rng(1)) for n in (80, 300))
-    assert many["obstacles"][:80] == few["obstacles"]
-    start = np.array(families.START["position"])
-    places = np.array([obstacle["motion"]["position"] for obstacle in many["obstacles"]])
-    distances = np.linalg.norm(places - start, axis=1)
-    assert distances[:50].max() < 60.0
-    assert distances[50:].min() > 250.0
-
-
-def test_unknown_families_are_named() -> None:
-    with pytest.raises(ValueError, match="'crossing'"):
-        families.random_scenario("crossing", np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("start", TEN_STARTS, ids=str)
@@ -92,54 +74,6 @@ def test_arc_trips_drive_exact_arcs() -> None:
     verdict = judge(data, attempt)
     assert verdict is not None
     assert verdict.ok
-
-
-def test_gradients_of_the_slsqp_peer() -> None:
-    data = families.crossing(np.random.default_rng(2), 4)
-    peer = Slsqp()
-    peer.build([data])
-    model = _Model(data, peer._tables[_length(data)])
-    rng = np.random.default_rng(0)
-    z = model.first(Start(1.5))
-    z[: model.tau] += 0.02 * rng.normal(size=model.tau)
-    z[model.tau + 1 :] = 0.1
-    # A little short of the goal: beyond it the station is clipped, and has no gradient.
-    while model.arrival(z)[0] > -0.05:
-        z[model.tau] -= 0.01
-    rows = np.ones((model.tables.shares.size, 4), dtype=bool)
-    step = 1e-6
-    numeric = np.array(
-        [(model.values(z + step * e, rows) - model.values(z - step * e, rows)) / (2 * step) for e in np.eye(z.size)]
-    ).T
-    assert model.gradients(z, rows) == pytest.approx(numeric, abs=2e-3)
-    arrival = [(model.arrival(z + step * e) - model.arrival(z - step * e))[0] / (2 * step) for e in np.eye(z.size)]
-    assert model.arrival_gradient(z)[0] == pytest.approx(np.array(arrival), abs=1e-6)
-
-
-def test_files_are_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "rows.csv"
-    common.write_csv(path, [{"a": 1, "b": 2.5}, {"a": 3, "c": "x"}])
-    with path.open(newline="") as stream:
-        assert list(csv.DictReader(stream)) == [{"a": "1", "b": "2.5", "c": ""}, {"a": "3", "b": "", "c": "x"}]
-    with pytest.raises(ValueError, match="fields not in fieldnames"):
-        common.write_csv(path, [{"a": 9, "z": 0}], columns=["a"])
-    assert common.read_csv(path)[0]["a"] == "1"
-    assert [entry.name for entry in path.parent.iterdir()] == ["rows.csv"]
-
-
-def test_medians_pass_over_what_is_not_a_number() -> None:
-    assert common.median([3.0, float("nan"), 1.0, 2.0]) == 2.0
-    assert common.quantile([float("nan")], 0.5) != common.quantile([float("nan")], 0.5)
-    assert common.number(float("nan"), 2) == "-"
-    assert common.table(["a", "b"], [[1, "x"], [10, float("nan")]]).splitlines()[-1] == "| 10 | - |"
-
-
-def test_missing_scenarios_are_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(common.DATA_VARIABLE, raising=False)
-    with pytest.raises(common.MissingDataError, match="--data FOLDER"):
-        common.scenario_folder()
-    with pytest.raises(common.MissingDataError, match=r"crossing5-\*\.json"):
-        common.load_family(tmp_path, "crossing5")
 
 
 def test_peers_run_on_random_scenarios_and_the_page_says_what_they_did(tmp_path: Path) -> None:
@@ -187,49 +121,10 @@ def test_the_page_tells_what_closed_loops_came_to(tmp_path: Path) -> None:
     assert ["all", "3.00", "3.80", "3.98", "4.00"] in cells
 
 
-def test_rates_count_reference_and_random_scenarios_together() -> None:
-    rows: list[dict[str, object]] = [
-        {"method": method, "start_set": "ten", "scenario": name, "certified": certified}
-        for method, answers in (("a", (1, 1, 1)), ("b", (1, 0, 1)))
-        for name, certified in zip("xyz", answers, strict=True)
-    ]
-    assert [line.split("|")[1:4] for line in peers.rates(rows).splitlines()[2:]] == [
-        [" a      ", " ten    ", "       3/3 "],
-        [" b      ", " ten    ", "       2/3 "],
-    ]
-
-
-def test_random_scenarios_for_the_peers_do_not_depend_on_the_other_families() -> None:
-    def names_and_places(families: list[str]) -> dict[str, object]:
-        options = peers.parser().parse_args(["--random", "2", "--seed", "3"])
-        return {s["name"]: s["obstacles"] for family in families for s in peers.chosen_scenarios(options, family)}
-
-    both, one = names_and_places(["crossing10", "convoy"]), names_and_places(["convoy"])
-    assert one.items() <= both.items()
-    assert len(both) == 4
-
-
 def row(method: str, scenario: str, start_set: str, wall: float, time: float, certified: int) -> dict[str, str]:
     values = {"method": method, "family": "f", "scenario": scenario, "start_set": start_set, "wall_ms": wall}
     values |= {"travel_time": time, "certified": certified, "checked": 1, "bow": 0.0, "speed_share": 1.0}
     return {key: str(value) for key, value in values.items()}
-
-
-def test_the_page_compares_times_and_rates_as_they_are() -> None:
-    plans = [
-        row(peers_report.REFERENCE, name, "plan", 10.0, 7.0, certified) for name, certified in (("a", 1), ("b", 0))
-    ]
-    tens = [row(peers_report.NLP, name, "ten", wall, 7.7, 1) for name, wall in (("a", 200.0), ("b", 400.0))]
-    starts = [row(peers_report.ONE_RUN, "a", "", 5.0, 7.0, 1), row(peers_report.NLP, "a", "", 20.0, 7.0, 1)]
-    start, best = peers_report.speed_part([*plans, *tens], starts)[0].splitlines()
-    assert "4.0 times as long as one run" in start
-    assert "30 times as long as `plan()`" in best
-    assert "in 1, its travel time is 1.10000 times" in best
-    assert "longer by more than 0.1 % in 1, shorter by more than that in 0." in best
-    lines = peers_report.certified_part([*plans, *tens])[1].splitlines()
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert cells[2] == [peers_report.REFERENCE, "plan", "1/2", "1/2", "2/2", "-", "-"]
-    assert cells[3] == [peers_report.NLP, "ten", "2/2", "2/2", "2/2", "0", "1"]
 
 
 def test_online_benchmarks_go_on_where_they_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -317,13 +212,6 @@ def test_plans_are_compared_with_the_best_known_times_of_a_folder(
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert [cell.strip() for cell in last.split("|")[1:7]] == ["all", "2", "1.00000", "1.01000", "1.01000", "1"]
     assert planning.main(["--folders", str(tmp_path / "out")]) == 2, "a folder without best known times"
-
-
-def test_more_effort_is_compared_plan_by_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert planning.main(["--random", "1", "--effort", "2", "--output", str(tmp_path)]) == 0
-    (row,) = common.read_csv(tmp_path / "random.csv")
-    assert float(row["with_effort"]) <= 1.0001 * float(row["travel_time"])
-    assert "faster with effort" in capsys.readouterr().out
 
 
 def test_no_test_answers_sooner_than_the_one_that_is_told_everything() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import re
-import sys
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from clock import FakeClock
 from scenes import disc, observed, scene
 
 import scp_planner as sp
@@ -23,14 +21,12 @@ from scp_planner.baseline.penalty_descent import penalty_descent
 from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound, no_trip_within
 from scp_planner.certificate.verdict import BEYOND_ZONES
 from scp_planner.errors import TooLargeError
-from scp_planner.mathematics import splines
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
-from scp_planner.trips import smoothing
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path as TripPath
 from scp_planner.trips.smoothing import check_pieces, smooth_guide
@@ -110,33 +106,31 @@ def torn(count: int) -> list[dict[str, Any]]:
     return [{"id": "torn", "shape": {"disc": 0.3}, "motion": {"futures": futures}}]
 
 
-MANY = pytest.mark.parametrize("obstacles", [discs, seen, torn], ids=["known", "observed", "futures"])
+MANY = pytest.mark.parametrize(
+    "many", [seen(400), torn(400)], ids=["observed", "futures"]
+)  # ten times as many as can be made ready in the least time that there is for that
 
 
 @MANY
 @pytest.mark.parametrize("method", [sp.plan, penalty_descent], ids=["scp", "descent"])
 def test_what_cannot_be_made_ready_in_time_is_refused_with_what_to_change(
-    obstacles: Callable[[int], list[dict[str, Any]]], method: Callable[..., sp.Plan], monkeypatch: pytest.MonkeyPatch
+    many: list[dict[str, Any]], method: Callable[..., sp.Plan]
 ) -> None:
-    many = scene(*obstacles(40), vehicle={"max_speed": 2.0})
-    FakeClock(1.0).rule(monkeypatch)
-    with pytest.raises(TooLargeError, match=r"time_limit: most of 0.5 s is over .* fewer observations"):
-        method(many, time_limit=0.5)
+    with pytest.raises(TooLargeError, match=r"time_limit: most of 1e-09 s is over .* fewer observations"):
+        method(scene(*many), time_limit=1e-9)
 
 
 @MANY
 def test_a_bound_among_what_cannot_be_made_ready_in_time_is_the_kinematic_one(
-    obstacles: Callable[[int], list[dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+    many: list[dict[str, Any]],
 ) -> None:
-    many = scene(*obstacles(40), vehicle={"max_speed": 2.0})
-    FakeClock(1.0).rule(monkeypatch)
-    assert lower_bound(many, time_limit=0.5) == kinematic_bound(many)
+    scenario = scene(*many)
+    assert lower_bound(scenario, time_limit=1e-9) == kinematic_bound(scenario)
 
 
-def test_a_scene_of_few_obstacles_is_planned_however_short_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = scene(*discs(8), *seen(4), vehicle={"max_speed": 2.0})
-    FakeClock(1.0).rule(monkeypatch)
-    assert np.isfinite(sp.plan(few, time_limit=0.5).travel_time)
+def test_a_scene_of_few_obstacles_is_planned_however_short_the_time() -> None:
+    few = scene(*discs(8), *seen(4))
+    assert np.isfinite(sp.plan(few, time_limit=1e-9).travel_time)
 
 
 def test_a_long_curve_is_refused_by_name() -> None:
@@ -168,26 +162,6 @@ def test_the_largest_spaces_take_what_they_are_said_to_take() -> None:
     assert peak < MOST_BYTES * (300 / 650) ** 2 * 1.3
 
 
-def test_values_of_a_basis_do_not_depend_on_how_many_are_computed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    basis = splines.clamped_basis(3, tuple(np.linspace(0.0, 1.0, 8).tolist()))
-    places = np.linspace(0.0, 1.0, 101)
-    whole = basis.rows(places)
-    monkeypatch.setattr(splines, "MOST_GATHERED", 300)
-    assert np.array_equal(basis.rows(places), whole)
-
-
-def test_a_guide_does_not_depend_on_how_much_of_it_is_averaged_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(4)
-    points = np.stack([np.linspace(0.0, 30.0, 60), rng.normal(0.0, 0.3, 60)], axis=1)
-    points[0] = 0.0
-    whole = smooth_guide(points, 2.0)
-    monkeypatch.setattr(smoothing, "MOST_AT_ONCE", 5000)
-    parts = smooth_guide(points, 2.0)
-    stations = np.linspace(0.0, whole.length, 50)
-    assert parts.length == pytest.approx(whole.length, rel=1e-12)
-    assert parts.frame(stations).position == pytest.approx(whole.frame(stations).position, abs=1e-9)
-
-
 def test_a_guide_of_4000_jittered_points_takes_little_memory() -> None:
     rng = np.random.default_rng(0)
     points = np.stack([np.linspace(0.0, 400.0, 4000), rng.normal(0.0, 0.05, 4000)], axis=1)
@@ -202,15 +176,13 @@ def test_a_guide_of_4000_jittered_points_takes_little_memory() -> None:
     assert peak < 400 * MEGABYTE
 
 
-def test_a_bound_that_would_take_too_much_is_the_kinematic_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bound_that_would_take_too_much_is_the_kinematic_one() -> None:
     scenario = scene(disc("in the way", (10.0, 0.0), radius=3.0), bounds={"min": [-1.0, -5.0], "max": [21.0, 5.0]})
     kinematic = kinematic_bound(scenario)
     zones = sp.zones(scenario)
     assert lower_bound(scenario, at_most=2.0 * kinematic) > kinematic
     assert lower_bound(scenario, at_most=2.0 * kinematic, time_limit=0.0) == kinematic
     assert not no_trip_within(scenario, 1.001 * kinematic, zones, deadline=time.perf_counter())
-    monkeypatch.setattr(sys.modules["scp_planner.certificate.relaxation"], "MOST_WORK", 1e3)
-    assert lower_bound(scenario, at_most=2.0 * kinematic) == kinematic
 
 
 def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:

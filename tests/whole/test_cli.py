@@ -22,33 +22,6 @@ from scp_planner.settings.planning import Settings
 from scp_planner.simulation.run import Run
 
 
-def test_an_interrupt_that_an_extension_module_hides_is_one(easy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object, **__: object) -> None:
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as interrupt:
-            raise ImportError("initialization failed") from interrupt
-
-    monkeypatch.setattr("scp_planner.planning.offline.plan", fail)
-    result = run("plan", easy)
-    assert (result.exit_code, result.output) == (130, "interrupted\n")
-
-
-def test_an_interrupt_while_the_program_is_loaded_is_quiet(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from scp_planner.__main__ import main
-
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("scp_planner.cli.main", interrupt)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 130
-    assert capsys.readouterr() == ("", "")
-
-
 def test_settings_are_listed(tmp_path: Path) -> None:
     result = run("settings")
     assert result.exit_code == 0
@@ -110,18 +83,10 @@ def test_schema_prints_the_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
 
-@pytest.mark.usefixtures("unsettled", "coarse_bounds")
 @pytest.mark.parametrize("arguments", [pytest.param([], marks=pytest.mark.slow, id="radar"), ["headon"]])
 def test_demo_writes_scenario_plan_and_figure(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The film, which takes its time, is drawn in tests of films."""
-    draw = Run.draw
-
-    def drawn(run: Run, path: Path) -> None:
-        path.write_text("film") if path.suffix == ".gif" else draw(run, path)
-
-    monkeypatch.setattr(Run, "draw", drawn)
     monkeypatch.chdir(tmp_path)
     result = run("demo", *arguments)
     assert result.exit_code == 0, result.output
@@ -146,15 +111,6 @@ def test_demo_writes_scenario_plan_and_figure(
     assert Plan.load(tmp_path / "demo" / "plan.json").verified(scenario).certified
 
 
-@pytest.mark.slow
-def test_demo_runs_twice_into_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scp_planner.simulation.run.Run.draw", lambda run, path: path.write_text("film"))
-    monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
-    for _ in range(2):
-        result = run("demo", "headon", "-o", tmp_path / "demo", "--quiet")
-        assert (result.exit_code, result.output) == (0, "")
-
-
 def test_demo_refuses_a_file_for_a_folder(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text("mine")
     result = run("demo", "-o", tmp_path / "demo")
@@ -163,7 +119,6 @@ def test_demo_refuses_a_file_for_a_folder(tmp_path: Path) -> None:
     assert (tmp_path / "demo").read_text() == "mine"
 
 
-@pytest.mark.usefixtures("coarse_bounds")
 @pytest.mark.parametrize("name", builtin.names())
 def test_every_built_in_scenario_has_a_certified_plan(name: str) -> None:
     result = run("plan", f"builtin:{name}")

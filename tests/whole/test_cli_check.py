@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-import time
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +11,6 @@ from command import run
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.cli.output import waiting
 from scp_planner.scenario.models import Scenario
 
 
@@ -93,30 +89,6 @@ def test_check_names_row_and_column_of_a_bad_file(easy: Path, tmp_path: Path) ->
     result = run("check", easy, tmp_path / "good.csv", tmp_path / "bad.csv")
     assert (result.exit_code, result.stdout) == (2, "")
     assert "bad.csv: 1 fault" in result.stderr and "line 3, x = 'one': must be a number" in result.stderr
-
-
-class Terminal(StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def test_planning_for_long_is_told_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    for stream, quiet, told in ((Terminal(), False, True), (Terminal(), True, False), (StringIO(), False, False)):
-        monkeypatch.setattr(sys, "stderr", stream)
-        with waiting("planning", quiet, patience=0.0):
-            limit = time.monotonic() + 60.0
-            while told and "planning: 00:0" not in stream.getvalue():
-                assert time.monotonic() < limit
-                time.sleep(0.01)
-        assert ("planning" in stream.getvalue()) is told
-
-
-def test_planning_for_a_moment_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = Terminal()
-    monkeypatch.setattr(sys, "stderr", stream)
-    with waiting("planning", False, patience=3600.0):
-        pass
-    assert stream.getvalue() == ""
 
 
 @pytest.mark.parametrize(

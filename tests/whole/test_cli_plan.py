@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 import json
+import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -15,8 +15,6 @@ from command import COARSE, run
 import scp_planner as sp
 from scp_planner.batch.jobs import Options
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.models import Scenario
-from scp_planner.simulation.run import Run
 
 PLAN_KEYS = {
     "schema",
@@ -130,23 +128,6 @@ def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path,
     assert data["reason"] in result.stderr
 
 
-def test_a_drive_that_does_not_arrive_is_written_and_the_last_reason_told(
-    scenario_data: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scenario_data["start"]["speed"] = 0.0
-    scenario_data["goal"] = {"position": [3.0, 0.0]}
-    scenario_data["guide"] = None
-    scenario_data["obstacles"] = [{"id": "on-goal", "shape": {"disc": 0.6}, "motion": {"position": [3.0, 0.2]}}]
-    (tmp_path / "lid.yaml").write_text(yaml.safe_dump(scenario_data))
-    monkeypatch.setattr("scp_planner.simulation.loop.TIME_LIMIT", 1.0)
-    result = run("simulate", tmp_path / "lid.yaml", "-o", tmp_path / "run.json", "--rate", "4")
-    assert result.exit_code == 3, result.stderr
-    loaded = Run.load(tmp_path / "run.json")
-    assert not loaded.arrived and not loaded.contact
-    assert f"did not arrive in {loaded.travel_time:g} s: {loaded.records[-1].reason}" in result.stderr
-
-
-@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize(
     ("suffix", "begins"), [(".html", b"<!DOCTYPE html>"), (".gif", b"GIF89a"), (".png", b"\x89PNG")]
 )
@@ -156,7 +137,6 @@ def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path,
     assert (tmp_path / f"plan{suffix}").read_bytes().startswith(begins)
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_plan_draws_the_view_that_is_asked_for(easy: Path, tmp_path: Path) -> None:
     says = {"map": "x (m)", "space-time": "distance along the path (m)", "profiles": "lateral acceleration (m/s²)"}
     for view, text in says.items():
@@ -185,14 +165,12 @@ def test_a_view_that_cannot_be_had_is_refused(
     assert set(tmp_path.iterdir()) == before
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"] or ["matplotlib"]:
+        monkeypatch.setitem(sys.modules, name, None)
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
     refused = run("plan", easy, "--plot", tmp_path / "plan.png")
     assert refused.exit_code == 2 and "needs matplotlib" in refused.stderr
-    short = sp.simulate(Scenario.load(easy), noise=0.05, rate=2.0)  # how the demo drives is tested with its pictures
-    monkeypatch.setattr("scp_planner.cli.trips._drive", lambda *_: short)
     result = run("demo", "headon", "-o", tmp_path / "demo")
     assert result.exit_code == 0 and "no figures: matplotlib is not installed" in result.stderr
     assert {file.name for file in (tmp_path / "demo").iterdir()} == {
@@ -207,27 +185,16 @@ def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytes
 def test_video_without_ffmpeg_is_refused_before_planning(
     easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setenv("PATH", str(tmp_path))
     result = run("plan", easy, "-o", tmp_path / "plan.json", "--plot", tmp_path / "plan.mp4")
     assert result.exit_code == 2 and "needs ffmpeg" in result.stderr
     assert not (tmp_path / "plan.json").exists()
 
 
-@pytest.mark.usefixtures("coarse_bounds")
 def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
     result = run("plan", "builtin:crossing", "-o", tmp_path / "plan.json")
     assert result.exit_code == 0, result.output
     assert Plan.load(tmp_path / "plan.json").scenario == "crossing"
-
-
-def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("scp_planner.planning.offline.plan", interrupt)
-    result = run("plan", easy, "-o", tmp_path / "plan.json")
-    assert (result.exit_code, result.stdout, result.stderr) == (130, "", "interrupted\n")
-    assert not (tmp_path / "plan.json").exists()
 
 
 @pytest.mark.parametrize(

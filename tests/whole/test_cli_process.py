@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shlex
 import shutil
@@ -22,7 +21,6 @@ import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.cli.application import COMMANDS, COMPLETE_VARIABLE, main
-from scp_planner.cli.output import progress_bar
 
 PROGRAM = [sys.executable, "-m", "scp_planner"]
 
@@ -114,28 +112,6 @@ def test_progress_is_shown_on_a_terminal_alone(command: list[str], shown: bytes,
     assert shown in seen
     assert shown not in output and b"\r" not in output
     assert len(output) > 100
-
-
-class Screen(io.StringIO):
-    """A terminal that keeps what is shown."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-@pytest.mark.parametrize(
-    ("is_terminal", "quiet", "shows"), [(True, False, True), (True, True, False), (False, False, False)]
-)
-def test_bars_are_for_terminals_and_not_for_the_quiet(
-    is_terminal: bool, quiet: bool, shows: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    screen = Screen() if is_terminal else io.StringIO()
-    monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setenv("COLUMNS", "80")
-    with progress_bar(3, "case", quiet) as bar:
-        bar.update()
-    assert ("0/3" in screen.getvalue()) is shows
-    assert bool(screen.getvalue()) is shows
 
 
 # a shell
@@ -270,7 +246,6 @@ def _write_samples(plan: sp.Plan, *names: str) -> None:
         np.savetxt(name, rows, delimiter=",", header="t,x,y,heading,speed", comments="")
 
 
-@pytest.mark.usefixtures("coarse_bounds")
 def test_examples_of_one_scenario_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     builtin.load("crossing").save("crossing.yaml")

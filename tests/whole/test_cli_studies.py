@@ -9,7 +9,6 @@ import pytest
 from command import COARSE, run
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_compare_tables_writes_and_draws(easy: Path, tmp_path: Path) -> None:
     table, figure = tmp_path / "trials.csv", tmp_path / "comparison.png"
     result = run("compare", easy, "builtin:headon", "--starts", "1", "-o", table, "--plot", figure, *COARSE)
@@ -112,7 +111,6 @@ def test_bad_options_of_a_study_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("unsettled")
 def test_study_coverage_writes_table_and_figure(tmp_path: Path) -> None:
     result = run("study", "coverage", "--runs", "200", "-o", tmp_path / "coverage")
     assert result.exit_code == 0, result.stderr

@@ -30,7 +30,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from browser import BROWSER_VARIABLE, Browser, find_browser
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -157,7 +156,6 @@ def record_tracks() -> None:
 PREPARATIONS: dict[str, Callable[[], None]] = {"docs/explanation/zones.md": record_tracks}
 
 
-@pytest.mark.usefixtures("unsettled", "coarse_bounds")
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_block_of_code_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -307,20 +305,3 @@ def test_the_site_is_whole_and_fetches_nothing(built: Path) -> None:
     assert [name for name, value in public if f'id="{value.__module__}.{name}"' not in reference] == []
     # Nothing is fetched from elsewhere.
     assert re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"?https?://[^\s>]*", page) == []
-
-
-@pytest.mark.parametrize("place", ["index.html", "howto/tuning.html"])
-def test_the_search_works_from_files(place: str, built: Path, tmp_path: Path) -> None:
-    executable = find_browser()
-    if executable is None:
-        pytest.skip(f"needs a Chromium or Chrome: on the path, or named by {BROWSER_VARIABLE}")
-    with Browser(executable, tmp_path) as opened:
-        opened.open((built / place).as_uri())
-        opened.evaluate("document.querySelector('[data-md-component=search-query]').focus()")
-        for letter in "grazes":
-            opened.press(letter)
-        opened.wait_for("document.querySelectorAll('.md-search-result__item').length > 0")
-        found = opened.evaluate("[...document.querySelectorAll('.md-search-result__link')].map(link => link.href)")
-        assert any("limits.html" in link for link in found)
-        assert [url for url in opened.requests if not url.startswith(("file:", "data:", "about:"))] == []
-        assert opened.faults == []

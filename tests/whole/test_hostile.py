@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,9 @@ import pytest
 from scenes import scene
 
 import scp_planner as sp
-from benchmarks.hostile import __main__ as command
-from benchmarks.hostile import calls, cases, clocks, commands, planfiles, sensors, workers
+from benchmarks.hostile import calls, clocks, commands, planfiles, sensors, workers
 from benchmarks.hostile.cases import Case, Kind, carry_out, make
-from benchmarks.hostile.outcome import Fault, Outcome
+from benchmarks.hostile.outcome import Outcome
 from benchmarks.hostile.wild import Wild, scaled, wild
 
 MEGABYTE = 10**6
@@ -112,40 +109,8 @@ def _near() -> Wild:
 
 def test_a_certified_plan_is_checked_in_its_own_units() -> None:
     drawn = _near()
-    outcome = cases._try_wild(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
+    outcome = carry_out(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
     assert (outcome.result, outcome.fault, outcome.checked) == ("certified", None, 1)
-
-
-def test_a_plan_that_is_wrongly_certified_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = _near()
-    without = sp.Scenario(**{**drawn.scaled(), "obstacles": []})
-    plan = sp.plan(without)  # straight through the obstacle
-    monkeypatch.setattr(sp, "plan", lambda *_, **__: plan)
-    outcome = cases._try_wild(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
-    assert outcome.fault is Fault.REFUSED and "clearance (d)" in outcome.detail
-    assert outcome.plan == plan.to_dict()
-
-
-@pytest.mark.parametrize("kind", Kind)
-def test_what_is_raised_is_a_finding(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_: Any) -> Outcome:
-        raise IndexError("of nothing")
-
-    monkeypatch.setitem(cases._TRIED, kind, fail)
-    outcome = carry_out(make(kind, 0))
-    assert outcome.fault is Fault.TRACEBACK and "IndexError: of nothing" in outcome.detail
-
-
-def test_a_command_that_raises_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise KeyError("lost")
-
-    monkeypatch.setattr("scp_planner.planning.offline.plan", fail)
-    words = [word.encode().hex() for word in ("plan", "good.yaml")]
-    outcome = cases._try_command(Case(Kind.COMMAND, 0, {"arguments": words}))
-    assert outcome.fault is Fault.TRACEBACK and "KeyError: 'lost'" in outcome.detail
-    monkeypatch.undo()
-    assert cases._try_command(Case(Kind.COMMAND, 0, {"arguments": words})).result == "exit code 0"
 
 
 def test_calls_that_are_refused_are_counted() -> None:
@@ -158,82 +123,12 @@ def test_calls_that_are_refused_are_counted() -> None:
         calls.play(scene(), [{"method": "observe", "arguments": {"nonsense": 1}}])
 
 
-def test_every_command_can_be_drawn() -> None:
-    drawn = [commands.draw(np.random.default_rng(seed)) for seed in range(300)]
-    assert {words[0].decode() for words in drawn} == {name.split()[0] for name in commands.NEEDS}
-
-
-class _Busy:
-    """What a worker tells that is at something that does not end."""
-
-    def __init__(self, used: float, peak: int, waited: float = 0.0) -> None:
-        self.waited, self.used = waited, 0.0
-        self._used, self._peak = used, peak
-
-    @property
-    def began(self) -> float:
-        return time.monotonic() - self.waited
-
-    def processor_time(self) -> float:
-        return self._used
-
-    def peak_memory(self) -> int:
-        return self._peak
-
-
-@pytest.mark.parametrize(
-    ("busy", "fault"),
-    [
-        (_Busy(9.0, 900 * MEGABYTE), None),
-        (_Busy(11.0, 100 * MEGABYTE), Fault.HANG),
-        (_Busy(1.0, 100 * MEGABYTE, waited=1000.0), Fault.HANG),
-        (_Busy(1.0, 1001 * MEGABYTE), Fault.MEMORY),
-    ],
-)
-def test_what_takes_too_much_is_told(busy: Any, fault: Fault | None) -> None:
-    outcome = workers.Worker.excess(busy, 10.0, 1000 * MEGABYTE)
-    assert (None if outcome is None else outcome.fault) is fault
-
-
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc to look at processes")
 def test_a_worker_that_takes_too_long_is_ended_and_others_go_on() -> None:
     jobs = iter([(Kind.SCENARIO, 1), (Kind.WILD, 1)])
     # No case is tried in no time: each is ended, and so its worker, and the next one gets a new worker.
     found = list(workers.tried(jobs, 1, 0.0, 1000 * MEGABYTE))
     assert [(kind, seed) for kind, seed, _ in found] == [(Kind.SCENARIO, 1), (Kind.WILD, 1)]
-
-
-def test_the_command_writes_findings_and_what_it_came_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def tried(jobs: Any, *_: object) -> Any:
-        for kind, seed in jobs:
-            outcome = carry_out(make(kind, seed))
-            if kind is Kind.PLAN and seed == 6:
-                outcome = replace(outcome, fault=Fault.HANG, detail="11 s", plan={"name": "that one"})
-            yield kind, seed, outcome
-
-    monkeypatch.setattr(command, "tried", tried)
-    asked = ["--only", "plan", "--count", "2", "--output", str(tmp_path), "--plan-time", "0.5"]
-    assert command.main([*asked, "--seed", "6"]) == 1
-    told = json.loads((tmp_path / "plan-6.json").read_text())
-    assert told["case"] == {"kind": "plan", "seed": 6, "data": make(Kind.PLAN, 6).data, "plan_time": 0.5}
-    assert told["plan"] == {"name": "that one"}
-    assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
-    assert "| plan |     2 |" in capsys.readouterr().out
-    assert command.main([*asked, "--seed", "50"]) == 0
-
-
-def test_an_interrupted_hunt_tells_what_it_has_tried(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def tried(jobs: Any, *_: Any) -> Iterator[tuple[Kind, int, Outcome]]:
-        yield *next(jobs), Outcome("certified")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "tried", tried)
-    assert command.main(["--only", "plan", "--output", str(tmp_path)]) == 130
-    assert "| plan |     1 |" in capsys.readouterr().out
 
 
 def test_commands_do_not_read_what_nobody_writes_to() -> None:
@@ -257,18 +152,6 @@ def test_every_promise_of_a_drive_is_checked() -> None:
     outcome = _drive(scene({"id": "d", "shape": {"disc": 0.5}, "motion": {"position": [8.0, -0.2]}}))
     assert (outcome.result, outcome.fault, outcome.warned) == ("driven", None, ())
     assert outcome.checked >= 3
-
-
-def test_a_promise_that_is_not_so_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The planner says that somebody was there of whom it knew nothing."""
-    known = sp.Planner.scenario.fget  # type: ignore[attr-defined]
-    blocked = scene({"id": "wall", "shape": {"disc": 1.0}, "motion": {"position": [10.0, 0.0]}})
-    monkeypatch.setattr(
-        sp.Planner, "scenario", property(lambda self: known(self).model_copy(update={"obstacles": blocked.obstacles}))
-    )
-    outcome = _drive(scene())
-    assert outcome.fault is Fault.REFUSED
-    assert "clearance (wall)" in outcome.detail
 
 
 @pytest.mark.parametrize(

@@ -34,16 +34,6 @@ def test_all_kinds_of_machines_are_among_the_variants(machines: ModuleType) -> N
     assert [variant.name for variant in machines.chosen(["newest", "own"])] == ["newest", "own"]
 
 
-def test_unknown_variants_are_refused_before_anything_runs(
-    machines: ModuleType, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(machines, "run", None)
-    with pytest.raises(SystemExit) as ended:
-        machines.main(["--variant", "own", "--variant", "kernel-z80"])
-    assert ended.value.code == 2
-    assert "no variant kernel-z80; there are own, kernel-haswell," in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("features", "can"), [({"sse2", "avx"}, True), ({"sse2"}, False), (set(), False)])
 def test_a_kernel_is_asked_for_where_the_processor_can_run_it(
     machines: ModuleType, features: set[str], can: bool
@@ -56,26 +46,10 @@ def test_a_kernel_is_asked_for_where_the_processor_can_run_it(
             machines.kernel_settings(kernel, frozenset(features), {})
 
 
-def test_a_kernel_that_somebody_has_asked_for_stays(machines: ModuleType) -> None:
-    with pytest.raises(machines.Skipped, match="OPENBLAS_CORETYPE=Zen is set here"):
-        machines.kernel_settings(machines.KERNELS[0], frozenset({"avx2"}), {"OPENBLAS_CORETYPE": "Zen"})
-
-
 def test_features_of_a_processor_are_read_as_linux_tells_them(machines: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "cpuinfo").write_text("processor\t: 0\nflags\t\t: fpu sse2 avx\nbugs\t\t: avx512f\n", encoding="utf-8")
     assert machines.processor_features(tmp_path / "cpuinfo") == {"fpu", "sse2", "avx"}
     assert machines.processor_features(tmp_path / "nothing") == frozenset()
-
-
-def test_a_python_that_is_not_there_is_said(
-    machines: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(machines.shutil, "which", lambda name: None)
-    monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
-    (variant,) = machines.chosen(["python3.12"])
-    found = machines.run(variant, [])
-    assert str(found).split(maxsplit=1) == ["python3.12", "skipped: no python3.12 found"]
-    assert found.good
 
 
 def test_a_python_that_does_not_run_is_passed_over(
@@ -107,48 +81,3 @@ def test_numpy_does_without_the_features_that_it_has(machines: ModuleType) -> No
     without = subprocess.run(command, capture_output=True, text=True, check=True, env=settings)
     assert with_all.stdout.split() == words.split()
     assert without.stdout.split() == []
-
-
-TESTS = """
-import pytest
-@pytest.mark.parametrize("n", range(3))
-def test_good(n): pass
-def test_bad(): assert {bad}
-def test_not_here(): pytest.skip("no")
-"""
-
-
-@pytest.mark.parametrize("bad", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_outcomes_are_counted_and_failures_named(
-    machines: ModuleType, bad: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "test_it.py").write_text(TESTS.format(bad=not bad), encoding="utf-8")
-    (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
-    monkeypatch.setattr(machines, "ROOT", tmp_path)
-    monkeypatch.setattr(machines.os, "cpu_count", lambda: 1)
-    code = machines.main(["--variant", "own", "--", "-p", "no:cacheprovider", "-q"])
-    head, *rows = capsys.readouterr().out.split("\n\n")[-1].splitlines()
-    assert code == int(bad)
-    assert head.split() == ["variant", "passed", "failed", "seconds"]
-    assert rows[0].split()[:3] == ["own", str(4 - bad), str(int(bad))]
-    assert rows[1:] == (["own: test_it::test_bad"] if bad else [])
-
-
-def test_a_run_without_tests_is_broken(machines: ModuleType, tmp_path: Path) -> None:
-    found = machines.outcome("own", 5, tmp_path / "report.xml", 1.0)
-    assert not found.good and "exit code 5" in str(found)
-
-
-def test_the_machine_is_busy_only_meanwhile(machines: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[subprocess.Popen[bytes]] = []
-    begin = subprocess.Popen
-
-    def noted(command: list[str]) -> subprocess.Popen[bytes]:
-        made.append(begin(command))
-        return made[-1]
-
-    monkeypatch.setattr(machines.subprocess, "Popen", noted)
-    with pytest.raises(KeyboardInterrupt), machines.busy(3):
-        assert [process.poll() for process in made] == [None, None, None]
-        raise KeyboardInterrupt
-    assert [process.returncode for process in made] == [-9, -9, -9]

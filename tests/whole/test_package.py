@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import pkgutil
-import re
 import subprocess
 import sys
 import tomllib
@@ -13,7 +12,6 @@ from collections.abc import Collection, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -119,16 +117,3 @@ def _imported(file: Path, modules: Collection[str]) -> Iterator[str]:
                 yield from {full if full in modules else str(node.module)}.intersection(modules)
         elif isinstance(node, ast.Import):
             yield from {name.name for name in node.names}.intersection(modules)
-
-
-def test_the_readme_shows_code_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```(python|yaml)[^\n]*\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
-    code = next(text for language, text in blocks if language == "python")
-    text = next(text for language, text in blocks if language == "yaml")
-    names: dict[str, Any] = {}
-    exec(code, names)
-    assert names["plan"].certified
-    assert scp_planner.Plan.load("plan.json").verified(names["scenario"]).certified
-    Path("readme.yaml").write_text(text)
-    assert scp_planner.Scenario.load("readme.yaml").obstacles == names["scenario"].obstacles

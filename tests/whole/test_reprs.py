@@ -6,6 +6,7 @@ import base64
 import re
 import sys
 from dataclasses import replace
+from operator import methodcaller
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from scenes import CROSSERS, disc, scene
 import scp_planner as sp
 
 LONGEST = 200  # letters of a line
+in_a_notebook = methodcaller("_repr_html_")
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +57,11 @@ def test_an_online_plan_tells_its_outcome() -> None:
     assert repr(found).startswith("OnlinePlan('scene', improved, safe, ")
 
 
-@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("which", ["plan", "run"])
 def test_notebooks_show_a_picture(which: str, request: pytest.FixtureRequest) -> None:
     pytest.importorskip("matplotlib")
     shown = request.getfixturevalue(which)
-    page = shown._repr_html_()
+    page = in_a_notebook(shown)
     found = re.search(r'src="data:image/png;base64,([^"]+)"', page)
     assert found is not None
     assert base64.b64decode(found[1]).startswith(b"\x89PNG")
@@ -71,7 +72,7 @@ def test_without_matplotlib_notebooks_show_the_line(plan: sp.Plan, monkeypatch: 
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert plan._repr_html_() == f"<pre>{repr(plan).replace(chr(39), '&#x27;')}</pre>"
+    assert in_a_notebook(plan) == f"<pre>{repr(plan).replace(chr(39), '&#x27;')}</pre>"
 
 
 def test_plans_compare_and_hash_by_what_they_are(plan: sp.Plan, tmp_path: Path) -> None:
