@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import fcntl
 import json
 import os
@@ -103,32 +102,12 @@ class Browser:
             assert time.monotonic() < end, f"still not true: {condition}"
             time.sleep(0.02)
 
-    def press(self, key: str, *, shift: bool = False) -> None:
+    def press(self, key: str) -> None:
         """Press and let go of a key, as a user would."""
         text = {"text": key} if len(key) == 1 else {}
-        modifiers = 8 if shift else 0
-        code = {"key": key, "code": "Space" if key == " " else key, "modifiers": modifiers}
+        code = {"key": key, "code": "Space" if key == " " else key}
         self._call("Input.dispatchKeyEvent", type="keyDown", **code, **text)
         self._call("Input.dispatchKeyEvent", type="keyUp", **code)
-
-    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Press the mouse at a point of the page, px, move it to another and let go; a click if they are one."""
-        button = {"button": "left", "clickCount": 1}
-        self._call("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], **button)
-        for part in (0.5, 1.0):
-            x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
-            self._call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, buttons=1, button="left")
-        self._call("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], **button)
-
-    def middle_of(self, selector: str) -> tuple[float, float]:
-        """Middle of an element on the page, px."""
-        box = f"document.querySelector({selector!r}).getBoundingClientRect()"
-        x, y = self.evaluate(f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])({box})")
-        return x, y
-
-    def screenshot(self, path: Path) -> None:
-        """Save what the page looks like, PNG."""
-        path.write_bytes(base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"]))
 
     def emulate(self, **features: str) -> None:
         """Pretend that the user prefers something, such as prefers_color_scheme='dark'."""

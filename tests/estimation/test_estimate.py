@@ -115,16 +115,6 @@ def test_covariances_for_each_are_generalised_least_squares() -> None:
     assert seen.regressors is None
 
 
-def test_one_covariance_given_for_each_is_the_common_one() -> None:
-    rng = np.random.default_rng(4)
-    times = irregular(rng)
-    positions = observe(rng, times)
-    common, each = (estimate_motion(times, positions, s) for s in (SIGMA, np.broadcast_to(SIGMA, (15, 2, 2))))
-    assert each.position(3.0) == pytest.approx(common.position(3.0), rel=1e-10)
-    assert each.covariance(3.0) == pytest.approx(common.covariance(3.0), rel=1e-9)
-    assert each.standardised_length(2.0) == pytest.approx(common.standardised_length(2.0), rel=1e-6)
-
-
 @pytest.mark.parametrize("covariance", [None, SIGMA])
 def test_a_clock_of_a_billion_seconds_loses_nothing(covariance: np.ndarray | None) -> None:
     rng = np.random.default_rng(6)

@@ -75,10 +75,6 @@ def test_lateral_acceleration_is_that_of_the_velocity(plan: sp.Plan) -> None:
     assert np.sum(change * left, axis=1) == pytest.approx(table["lateral_acceleration_m_per_s2"], abs=1e-5)
 
 
-def test_own_times(plan: sp.Plan) -> None:
-    assert plan_table(plan, [1.0, 2.5])["x_m"].tolist() == plan.position([1.0, 2.5])[:, 0].tolist()
-
-
 @pytest.mark.parametrize("times", [1, 0, [], [[1.0, 2.0]], [math.nan]])
 def test_wrong_times_are_refused(plan: sp.Plan, times: Any) -> None:
     with pytest.raises(ValueError, match="times: must be"):
@@ -92,14 +88,6 @@ def test_csv_keeps_every_bit(plan: sp.Plan, tmp_path: Path) -> None:
         header, *rows = csv.reader(file)
     assert header == list(table)
     assert np.array_equal(np.array(rows, dtype=float), np.stack(list(table.values()), axis=-1))
-
-
-def test_pandas_reads_the_csv(plan: sp.Plan, tmp_path: Path) -> None:
-    pandas = pytest.importorskip("pandas", reason="needs pandas, which is not installed")
-    table = plan_table(plan)
-    save_table(table, tmp_path / "plan.csv")
-    frame = pandas.read_csv(tmp_path / "plan.csv", dtype=str).astype(float)  # its own reading errs in the last digit
-    pandas.testing.assert_frame_equal(frame, pandas.DataFrame(table), check_exact=True)
 
 
 def test_numpy_reads_the_npz(plan: sp.Plan, tmp_path: Path) -> None:

@@ -95,21 +95,3 @@ def test_size_bounds_hold_on_every_interval() -> None:
                 else:
                     sizes = np.abs(np.linalg.eigvalsh(values[..., [0, 1, 1, 2]].reshape(40, -1, 2, 2))).max(axis=2)
                 assert np.all(sizes <= bounds + 1e-12)
-
-
-@pytest.mark.parametrize("shared", [True, False])
-def test_what_is_said_of_pieces_is_found_at_times(shared: bool) -> None:
-    """Of polynomials with the same breakpoints, and of so many with their own that there is no table of all."""
-    inner = np.sort(RNG.uniform(0.0, 8.0, (30, 12)), axis=1)
-    if shared:
-        inner[:] = inner[0]
-    else:
-        inner[::3, 7:] = np.inf  # with fewer pieces
-    breaks = np.concatenate([np.zeros((30, 1)), inner, np.full((30, 1), np.inf)], axis=1)
-    batch = PiecewisePolynomials(breaks, RNG.normal(size=(30, 13, 2, 2)))
-    values = RNG.normal(size=(30, 13))
-    times = np.concatenate([RNG.uniform(-1.0, 9.0, 40), inner[1, :4]])
-    found = batch.of_pieces(values, times)
-    for k in range(30):
-        for row, time in enumerate(times):
-            assert found[row, k] == values[k, sum(time >= border for border in inner[k])]

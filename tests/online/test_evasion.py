@@ -286,24 +286,6 @@ def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(
     assert promises >= 1
 
 
-def test_assumptions_that_do_not_hold_are_told() -> None:
-    scenario = scene(disc("a", (9.0, 3.0), (0.0, 0.1)), disc("b", (5.0, -4.0)))
-    planner = Planner(scenario, online=OnlineSettings(period=PERIOD, tracking_error=0.05))
-    planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
-    follow(planner, 0.2)
-    assert not planner.doubts
-    planner.remove_obstacle("a")
-    planner.add_obstacle(disc("a", (9.0, 2.5), (0.0, 0.1)))
-    follow(planner, 0.4)
-    assert planner.doubts.pop() == "t = 0.400 s: a has left its zone: what was certified before may not hold"
-    follow(planner, 0.9)
-    assert planner.doubts.pop() == "t = 0.900 s: the last replan was 0.5 s ago, longer than the period"
-    plan = planner.plan
-    assert plan is not None
-    planner.replan(1.1, plan.position(1.1) + np.array([0.0, 0.2]), float(plan.heading(1.1)), float(plan.speed(1.1)))
-    assert "0.2 m off its plan" in planner.doubts.pop()
-
-
 @pytest.mark.parametrize("among", [False, True], ids=["default", "among people"])
 def test_assumptions_on_what_is_observed_are_told_in_every_profile(among: bool) -> None:
     """Somebody who is seen walks straight on, and within one period jumps aside by a metre; then the rest fails too."""

@@ -16,8 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, PathPatch, Polygon
-from matplotlib.text import Annotation
-from scenes import disc, scene
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner.plotting import animate_plan, plot_plan, plot_profiles, plot_space_time
@@ -95,13 +94,6 @@ def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     assert max(outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)) < 1e-9
     # A bit at each crossing of two borders ends beyond it.
     assert np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() == pytest.approx(outside.length, rel=0.03)
-
-
-def test_names_do_not_lie_on_each_other() -> None:
-    twins = [disc(name, (10.0, 0.9)) for name in ("one", "other")]
-    scenario = scene(*twins, disc("third", (15.0, -0.9)))
-    names = [a.get_text() for a in map_of(plot_plan(sp.plan(scenario), scenario)).findobj(Annotation)]
-    assert names == ["one", "third"]
 
 
 def test_map_has_equal_axes(figure: Figure) -> None:

@@ -129,27 +129,10 @@ def test_no_zone_that_is_drawn_is_cut_off(plan: sp.Plan) -> None:
     assert axes.get_ylim()[0] < -6.0
 
 
-def test_what_lies_beyond_the_trip_is_not_drawn_in_part(plan: sp.Plan) -> None:
-    """Room that one zone has made does not show the half of another one."""
-    over, beyond = disc("over", (10.0, -4.5), radius=1.5), disc("beyond", (3.0, -7.0), radius=1.5)
-    recording = record_plan(plan, _yard(bounds=None, obstacles=[over, beyond]), 20)
-    axes = _map(recording)
-    assert -7.0 < axes.get_ylim()[0] < -6.0
-    drawn = [np.array(patch.get_path().vertices, dtype=float) for patch in axes.patches if isinstance(patch, PathPatch)]
-    assert len(drawn) == 1 and np.allclose(drawn[0].mean(axis=0), [10.0, -4.5], atol=0.1)
-
-
 def test_a_zone_over_the_whole_map_hides_nothing(plan: sp.Plan) -> None:
     recording = record_plan(plan, _yard(obstacles=[disc("all", (80.0, 0.0), (-10.0, 0.0), radius=60.0)]), 20)
     zones = [patch for patch in _map(recording).patches if isinstance(patch, PathPatch)]
     assert zones and all(to_rgba(patch.get_facecolor())[3] == 0.0 for patch in zones)
-
-
-def test_a_zone_larger_than_the_trip_does_not_shrink_it(plan: sp.Plan) -> None:
-    scenario = _yard(bounds=None, obstacles=[disc("huge", (10.0, -100.0), radius=97.0)])
-    recording = record_plan(plan, scenario, 20)
-    low, high = map_extent(recording, np.array([0, 19]))
-    assert (high - low).max() < 40.0
 
 
 @pytest.mark.parametrize(

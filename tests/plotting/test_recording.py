@@ -16,7 +16,7 @@ from scp_planner import builtin
 from scp_planner.arrays import Array
 from scp_planner.plotting.borders import boundary_of
 from scp_planner.plotting.recording import record_plan
-from scp_planner.plotting.scales import nearest_indices, nice_times
+from scp_planner.plotting.scales import nice_times
 
 
 def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:
@@ -31,12 +31,6 @@ def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:
     assert np.array_equal(curvature.values, plan.curvature(time))
     limits = [(profile.lower, profile.upper) for profile in recording.profiles]
     assert limits == [(0.0, 3.0), (-2.0, 1.5), (-2.0, 2.0), (-1.0, 1.0)]
-
-
-def test_unbounded_quantities_have_no_limits(plan: sp.Plan, scenario: sp.Scenario) -> None:
-    vehicle = scenario.vehicle.model_copy(update={"max_lateral_acceleration": None, "max_curvature": None})
-    recording = record_plan(plan, scenario.model_copy(update={"vehicle": vehicle}), 5)
-    assert [(p.lower, p.upper) for p in recording.profiles[2:]] == [(None, None), (None, None)]
 
 
 @pytest.mark.parametrize("name", builtin.names())
@@ -161,12 +155,6 @@ def test_extent_holds_the_trip_and_little_else(plan: sp.Plan, scenario: sp.Scena
     assert (high - low).max() < 1.5 * np.ptp(path, axis=0).max()
 
 
-def test_far_clock_is_shown_from_the_start(plan: sp.Plan, scenario: sp.Scenario) -> None:
-    assert record_plan(plan, scenario, 3).epoch == 0.0
-    later = scenario.model_copy(update={"start": scenario.start.model_copy(update={"time": 1.7e9}), "obstacles": ()})
-    assert record_plan(sp.plan(later), later, 3).epoch == 1.7e9
-
-
 @given(
     start=st.floats(-1e3, 1e3),
     span=st.floats(1e-3, 1e4),
@@ -180,10 +168,6 @@ def test_nice_times(start: float, span: float, most: int) -> None:
     steps = np.diff(times)
     assert (steps > 0.0).all()
     assert np.allclose(steps[:-1], steps[0], rtol=1e-6, atol=1e-9)
-
-
-def test_nearest_indices() -> None:
-    assert nearest_indices(np.array([0.0, 1.0, 2.0]), [1.6, -5.0, 0.4]).tolist() == [2, 0, 0]
 
 
 @pytest.mark.parametrize("heading", [None, 0.4, -2.0])

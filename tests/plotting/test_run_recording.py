@@ -13,7 +13,6 @@ from scenes import scene
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.plotting import animate
-from scp_planner.plotting.figures import plot_run
 from scp_planner.plotting.recording import Recording
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.viewer import save_recording
@@ -134,16 +133,3 @@ def test_obstacles_that_come_late(tmp_path: Path) -> None:
     assert recording.extent()[1][0] < 25.0  # where the obstacle is far away, nobody needs to look
     save_recording(recording, tmp_path / "late.html")
     assert "NaN" not in (tmp_path / "late.html").read_text().split('id="data">')[1].split("</script>")[0]
-
-
-def test_who_was_never_seen_is_drawn_as_what_it_was(tmp_path: Path) -> None:
-    """No replan knew of it: it is farther away than the sensor sees."""
-    alone = builtin.load("headon").model_copy(update={"obstacles": ()})
-    world = {"unseen": (np.array([0.0, 30.0]), np.array([[-6.0, 1.0], [-5.0, 1.0]]))}
-    short = (sp.Sensor(rate=4.0, noise=0.0, range=1.0),)
-    run = simulate(alone, rate=4.0, world=world, shapes={"unseen": sp.Disc(disc=0.4)}, sensors=short)
-    (unseen,) = record_run(run, 8.0).obstacles
-    assert np.isnan(unseen.center).all() and unseen.boundary.shape[1] == 1
-    plot_run(run, tmp_path / "run.png")
-    with Image.open(tmp_path / "run.png") as picture:
-        assert picture.size[0] > 100

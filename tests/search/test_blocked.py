@@ -104,20 +104,6 @@ def test_sides_are_shut_where_walls_leave_nothing_free_and_no_way_leads_there() 
             assert (beyond is None) == ((zone, side) in shut)
 
 
-def test_large_zones_block_what_each_of_them_blocks() -> None:
-    """Together they block more cells than there are, and are marked by their ends."""
-    large = [disc(f"large {k}", (10.0 + k, 0.7 * k), (0.1 * k, -0.2), radius=8.0) for k in range(6)]
-    problem = problem_of(scene(*large, start={"position": [-12.0, 0.0]}, goal={"position": [30.0, 0.0]}))
-    grid = Grid.of(problem, Fineness())
-    free = np.full_like(Cells(problem, grid).free, ~np.uint64(0))
-    for zone in range(6):
-        alone = Cells(problem.among(problem.zones.subset(np.array([zone]))), grid).free
-        free &= alone
-    np.testing.assert_array_equal(Cells(problem, grid).free, free)
-    assert np.any(free != 0)
-    assert np.any(free != ~np.uint64(0))
-
-
 def test_the_workspace_is_kept() -> None:
     problem = problem_of(scene(*CROSSERS, bounds={"min": [-1.0, -1.5], "max": [21.0, 2.5]}))
     grid = Grid.of(problem, Fineness())

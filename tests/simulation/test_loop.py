@@ -404,14 +404,6 @@ def test_run_is_animated(suffix: str, tmp_path: Path) -> None:
     assert len(data) > 5000
 
 
-def test_video_of_a_run_needs_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    path = tmp_path / "run.mp4"
-    result = CliRunner().invoke(app, ["simulate", "builtin:headon", "--animate", str(path)])
-    assert result.exit_code == 2 and "needs ffmpeg" in result.stderr
-    assert not path.exists()
-
-
 # faults
 
 

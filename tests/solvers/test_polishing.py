@@ -94,13 +94,3 @@ def test_a_large_program_is_not_copied() -> None:
     assert solution.status is SolverStatus.OPTIMAL
     assert optimality(program, solution) < 1e-9
     assert peak < 0.6 * matrix.nbytes
-
-
-def test_a_row_that_stands_a_thousand_times_takes_no_system_of_them_all() -> None:
-    program = replace(box(8), matrix=np.tile(np.eye(8), (1000, 1)), bound=np.full(8000, 0.5))
-    tracemalloc.start()
-    solution = solver_named("clarabel").solve(program)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert solution.x == pytest.approx(np.full(8, 0.5), abs=1e-7)
-    assert peak < 50e6  # where 8,000 sides are taken together it is 500 MB and more

@@ -12,7 +12,6 @@ import pytest
 import scp_planner as sp
 from scp_planner.errors import StudyError
 from scp_planner.studies.consistency import (
-    FEWEST_REPETITIONS,
     OTHER_WAY,
     RESULTS,
     ConsistencyResult,
@@ -219,15 +218,6 @@ def test_the_fit_finds_the_exponent_and_its_band_covers_it(exponent: float) -> N
     assert all(slope.expected == metric.exponent for slope, metric in zip(slopes, 12 * METRICS, strict=True))
 
 
-def test_means_have_bands_of_the_right_width() -> None:
-    """Gamma(4) has the coefficient of variation 1/2; so the mean of 50 has 0.5 / sqrt(50)."""
-    for mean in synthetic(-0.5).means:
-        if mean.metric == OTHER_WAY:
-            continue
-        assert mean.lower < mean.mean < mean.upper
-        assert (mean.upper - mean.lower) / mean.mean == pytest.approx(2.0 * 1.96 * 0.5 / np.sqrt(50), rel=0.5)
-
-
 def test_slopes_of_minimisers_are_fitted_again_where_all_are_in_the_true_basin() -> None:
     result = synthetic(-0.5, elsewhere=(10, 300))
     for kind in ZoneKind:
@@ -263,23 +253,12 @@ def test_jumps_to_another_way_make_slopes_steep_and_those_on_the_same_way_do_not
     assert "20%" in result.table()
 
 
-def test_where_too_few_are_on_the_same_way_there_is_no_slope_of_them() -> None:
-    result = synthetic(-0.5, repetitions=FEWEST_REPETITIONS - 1)
-    assert result.same_way_slope(ZoneKind.REGION, 0.1, METRICS[1]) is None
-    assert result.same_way_means(ZoneKind.REGION, 0.1, METRICS[1]) == {}
-
-
 def test_where_minimisers_never_settle_there_is_no_asymptotic_slope() -> None:
     result = synthetic(-0.5, elsewhere=(10_000,))
     assert result.settled_from(ZoneKind.REGION, 0.1) is None
     assert result.settled_slope(ZoneKind.REGION, 0.1, METRICS[1]) is None
     assert result.settled_slope(ZoneKind.REGION, 0.1, METRICS[0]) is not None
     assert " - " in result.table()
-
-
-def test_one_size_has_no_slope() -> None:
-    result = synthetic(-0.5)
-    assert replace(result, settings=replace(result.settings, sizes=(100,))).slopes == ()
 
 
 # results on disk

@@ -36,20 +36,6 @@ def test_what_is_left_out_is_implied_by_what_is_kept_for_all_moves() -> None:
         assert np.all(left[mine].min(axis=0) >= least - 1e-7)
 
 
-def test_the_nearest_of_each_place_and_what_lies_behind_are_kept() -> None:
-    place, contacts = contacts_at(30, 12)
-    kept = set(leading(place, contacts, MOVE).tolist())
-    for one in range(30):
-        mine = np.flatnonzero(place == one)
-        assert int(mine[np.argmin(contacts.distance[mine])]) in kept
-        # Of walls to the left and to the right none implies the other, as near as these are.
-        for side in (1.0, -1.0):
-            theirs = mine[side * contacts.normal[mine, 0] > 0.0]
-            nearest = contacts.distance[theirs].min(initial=np.inf)
-            apart = nearest - contacts.distance[mine].min()
-            assert apart > MOVE or not len(theirs) or kept & set(theirs.tolist())
-
-
 def test_those_that_are_one_but_for_rounding_are_told_once() -> None:
     normal = np.array([[0.0, 1.0], [1e-12, 1.0], [0.0, -1.0], [0.0, 1.0]])
     contacts = ZoneContacts(np.array([0.2, 0.2 - 1e-14, 0.2, 0.2]), normal, np.zeros(4))

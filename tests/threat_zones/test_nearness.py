@@ -9,7 +9,7 @@ from scenes import disc, observed, scene
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances, nearness_of_samples
+from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances
 
 INFLATION = 0.3
 WORLD = PlanningFrame((0.0, 0.0), 0.0, 0.0)
@@ -45,12 +45,3 @@ def test_bound_of_what_stands_is_its_distance() -> None:
     batch = ZoneBatch.of(sp.zones(scene(disc("post", (5.0, 6.0), radius=1.0))), WORLD, INFLATION)
     boxes = SweptBoxes(np.array([1.0]), 1.0, np.array([[0.0, 0.0]]), np.array([[2.0, 2.0]]))
     assert least_clearances(batch, boxes)[0] == pytest.approx(5.0 - 1.0 - INFLATION, abs=1e-6)
-
-
-def test_samples_are_linearised_less_far_from_polygons_that_stand() -> None:
-    square = {"polygon": [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]}
-    standing = {"id": "wall", "shape": square, "motion": {"position": (5.0, 3.0)}}
-    moving = {**standing, "id": "cart", "motion": {"position": (8.0, 3.0), "velocity": (1.0, 0.0)}}
-    batch = ZoneBatch.of(sp.zones(scene(standing, moving, disc("d", (2.0, 2.0)))), WORLD, INFLATION)
-    below = dict(zip(batch.ids, nearness_of_samples(batch, 0.8).tolist(), strict=True))
-    assert below == {"wall": 0.4, "cart": 0.8, "d": 0.8}

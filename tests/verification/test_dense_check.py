@@ -114,14 +114,12 @@ def test_stop_and_go_on_a_curve_holds() -> None:
     assert report["curvature"].value == pytest.approx(0.5, rel=1e-4)
 
 
-def test_a_thousandth_too_fast_is_caught() -> None:
-    position, duration = straight_trip(top_speed=3.003)
-    assert refused(check_trip(scenario(), position, 0.0, duration)) == {"speed"}
-
-
-def test_a_thousandth_of_acceleration_too_much_is_caught() -> None:
-    position, duration = straight_trip(acceleration=1.5015)
-    assert refused(check_trip(scenario(), position, 0.0, duration)) == {"acceleration"}
+@pytest.mark.parametrize(
+    ("drive", "name"), [({"top_speed": 3.003}, "speed"), ({"acceleration": 1.5015}, "acceleration")]
+)
+def test_a_thousandth_too_much_along_the_way_is_caught(drive: dict[str, float], name: str) -> None:
+    position, duration = straight_trip(**drive)
+    assert refused(check_trip(scenario(), position, 0.0, duration)) == {name}
 
 
 def test_a_thousandth_of_deceleration_too_much_is_caught() -> None:
@@ -133,15 +131,17 @@ def test_a_thousandth_of_deceleration_too_much_is_caught() -> None:
     assert refused(check_trip(data, position, 0.0, 0.4)) == {"deceleration"}
 
 
-@pytest.mark.parametrize("speed", [0.05, 1.0])
-def test_a_thousandth_of_curvature_too_much_is_caught(speed: float) -> None:
-    position, duration, data = arc_trip(1.0 / 1.001, speed)
-    assert refused(check_trip(data, position, 0.0, duration)) == {"curvature"}
-
-
-def test_a_thousandth_of_lateral_acceleration_too_much_is_caught() -> None:
-    position, duration, data = arc_trip(4.0, math.sqrt(2.002 * 4.0))
-    assert refused(check_trip(data, position, 0.0, duration)) == {"lateral_acceleration"}
+@pytest.mark.parametrize(
+    ("radius", "speed", "name"),
+    [
+        (1.0 / 1.001, 0.05, "curvature"),
+        (1.0 / 1.001, 1.0, "curvature"),
+        (4.0, math.sqrt(2.002 * 4.0), "lateral_acceleration"),
+    ],
+)
+def test_a_thousandth_too_much_across_the_way_is_caught(radius: float, speed: float, name: str) -> None:
+    position, duration, data = arc_trip(radius, speed)
+    assert refused(check_trip(data, position, 0.0, duration)) == {name}
 
 
 def test_a_corner_taken_at_standstill_is_caught() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -11,13 +10,12 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import scp_planner
-from benchmarks import common, families, online, online_answers, online_crowds, online_regions, planning, sizes
+from benchmarks import common, families, online, online_answers, online_crowds, online_regions
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
 from benchmarks.report.__main__ import main as write_page
-from scp_planner.scenario import units
 from verification.dense_check import check_trip
 
 ALL_FAMILIES = (*families.FAMILIES, "far70")
@@ -127,24 +125,6 @@ def row(method: str, scenario: str, start_set: str, wall: float, time: float, ce
     return {key: str(value) for key, value in values.items()}
 
 
-def test_online_benchmarks_go_on_where_they_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "rows.csv"
-    done: list[int] = []
-
-    def run(row: online.Row) -> online.Row:
-        done.append(row["seed"])
-        return {"square": row["seed"] ** 2}
-
-    online.Ledger(file, ("seed",), fresh=False).fill([{"seed": 1}, {"seed": 2}], run)
-    rows = online.Ledger(file, ("seed",), fresh=False).fill([{"seed": 2}, {"seed": 3}], run)
-    assert done == [1, 2, 3]
-    assert online.values(rows, "square").tolist() == [4.0, 9.0]
-    assert [row["seed"] for row in common.read_csv(file)] == ["1", "2", "3"]
-    online.Ledger(file, ("seed",), fresh=True).fill([{"seed": 1}], run)
-    assert done == [1, 2, 3, 1]
-    assert capsys.readouterr().out == ""
-
-
 def test_online_fault_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert online.main(["faults", "--count", "1", "--check-every", "10", "--output", str(tmp_path)]) == 0
     *_, last = capsys.readouterr().out.splitlines()
@@ -172,46 +152,6 @@ def test_crowd_tasks_are_drawn_where_there_is_room(recorded_data: Path) -> None:
     row = online_crowds.drive({"eth": tracks}["eth"], {"place": "eth", "number": 3, "way": "waiting"})
     length = float(np.linalg.norm(np.subtract(drawn.goal, drawn.start)))
     assert row["arrived"] == 1 and row["travel_time"] > (length - 0.4) / online_crowds.VEHICLE.max_speed
-
-
-def test_sizes_are_written_in_other_units_and_summed_up(tmp_path: Path) -> None:
-    kind = sizes.KINDS["ship"]
-    scene = sizes.drawn_scene(kind, np.random.default_rng(2), 3, True, "ship-0")
-    assert scene == sizes.drawn_scene(kind, np.random.default_rng(2), 3, True, "ship-0")
-    length, time = sizes.natural_factors(scene)
-    other = sizes.rewritten(scene, length, time)
-    assert other["goal"]["position"] == pytest.approx([20.0, 0.0])
-    assert other["vehicle"]["max_speed"] == pytest.approx(3.0)
-    mine, its = families.as_scenario(scene), families.as_scenario(other)
-    inside, same = (units.NaturalUnits.of(each).scenario(each) for each in (mine, its))
-    assert same.obstacles[1].observations is not None and inside.obstacles[1].observations is not None
-    assert np.allclose(same.obstacles[1].observations.position, inside.obstacles[1].observations.position, rtol=1e-12)
-    assert np.allclose(
-        np.array(same.obstacles[1].observations.covariance), np.array(inside.obstacles[1].observations.covariance)
-    )
-    (tmp_path / "ship-7.json").write_text(json.dumps(scene))
-    row = sizes.measured(*next(sizes.scenes(sizes.parser().parse_args([str(tmp_path)]))))
-    assert (row["kind"], row["scenario"]) == ("ship", "ship-7")
-    assert row["certified"] == row["certified_anyhow"] == 1 and 1.0 <= row["ratio"] < 1.01
-    works = [{"reference_ms": times * row["work_ms"], "reference_long": 0.25} for times in (0.5, 0.25)]
-    lines = sizes.summary([{**row, **work} for work in works]).splitlines()
-    cells = [cell.strip() for cell in lines[-1].split("|")[1:-1]]
-    assert cells[:2] == ["all", "2/2"] and cells[-3:] == ["3.00", "1", "0.5"]
-
-
-def test_plans_are_compared_with_the_best_known_times_of_a_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data = families.random_scenario("crossing3", np.random.default_rng(2), "crossing3-0")
-    time = scp_planner.plan(families.as_scenario(data)).travel_time
-    for number, known in enumerate((time, time / 1.01)):  # as fast as known, and one percent slower
-        (tmp_path / f"crossing3-{number}.json").write_text(json.dumps(data))
-        best = {f"crossing3-{n}": t for n, t in enumerate((time, known))}
-        (tmp_path / "best_known.json").write_text(json.dumps(best))
-    assert planning.main(["--folders", str(tmp_path), "--repeat", "1", "--output", str(tmp_path / "out")]) == 0
-    last = capsys.readouterr().out.strip().splitlines()[-1]
-    assert [cell.strip() for cell in last.split("|")[1:7]] == ["all", "2", "1.00000", "1.01000", "1.01000", "1"]
-    assert planning.main(["--folders", str(tmp_path / "out")]) == 2, "a folder without best known times"
 
 
 def test_no_test_answers_sooner_than_the_one_that_is_told_everything() -> None:

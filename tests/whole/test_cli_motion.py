@@ -116,18 +116,6 @@ def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Pa
     assert refused.exit_code == 2 and "TRACKS" in refused.stderr
 
 
-def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
-    (tmp_path / "tracks.csv").write_text(walkers(50, 20, seed=1))
-    inflations = {}
-    for level in ("0.8", "0.95"):
-        result = run("fit-motion", tmp_path / "tracks.csv", "--conformal", level, "-o", tmp_path / "m.json", "--json")
-        assert result.exit_code == 0, result.stderr
-        inflations[level] = json.loads(result.stdout)["tails"]["inflation"]
-    assert inflations["0.8"] != inflations["0.95"]
-    refused = run("fit-motion", tmp_path / "tracks.csv", "--conformal", "2", "-o", tmp_path / "m.json")
-    assert refused.exit_code == 2 and "--conformal" in refused.stderr
-
-
 def test_fit_motion_says_what_to_do_with_a_few_tracks(tmp_path: Path) -> None:
     rows = [f"{name},{0.4 * k},{k + 0.1 * (-1) ** k},{name}" for name in range(3) for k in range(12)]
     (tmp_path / "tracks.csv").write_text("\n".join(["id,time,x,y", *rows]))
@@ -135,11 +123,3 @@ def test_fit_motion_says_what_to_do_with_a_few_tracks(tmp_path: Path) -> None:
     assert refused.exit_code == 2 and "--no-tails" in refused.stderr and "WARNING" not in refused.stderr
     assert run("fit-motion", tmp_path / "tracks.csv", "--no-tails", "-o", tmp_path / "m.json").exit_code == 0
     assert json.loads((tmp_path / "m.json").read_text())["tails"] is None
-
-
-def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
-    (tmp_path / "tracks.csv").write_text("id,time,x,y\n1,0,0,0\n1,1,1,0\n")
-    result = run("fit-motion", tmp_path / "tracks.csv", "--kind", "brownian", "-o", tmp_path / "m.yaml")
-    assert result.exit_code == 2
-    assert "brownian" in result.stderr
-    assert not (tmp_path / "m.yaml").exists()

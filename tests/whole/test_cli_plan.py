@@ -86,35 +86,12 @@ def test_plan_writes_a_certified_plan(easy: Path, tmp_path: Path) -> None:
     assert f"travel time:             {data['travel_time']:.4f} s" in result.stdout
 
 
-def test_plan_summary_as_json(easy: Path, tmp_path: Path) -> None:
-    result = run("plan", easy, "-o", tmp_path / "plan.json", "--json")
-    summary, plan = json.loads(result.stdout), Plan.load(tmp_path / "plan.json")
-    assert result.exit_code == 0
-    assert summary["certified"] is True
-    assert summary["scenario"] == "easy"
-    assert summary["arrival_time"] == pytest.approx(plan.arrival_time)
-    assert summary["least_clearance"] == pytest.approx(plan.clearance.minimum)
-
-
 def test_plan_without_obstacles_has_a_summary_in_json(easy: Path) -> None:
     """An infinite clearance has no number in JSON."""
     easy.write_text(yaml.safe_dump(yaml.safe_load(easy.read_text()) | {"obstacles": []}))
     result = run("plan", easy, "--json")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["least_clearance"] is None
-
-
-def test_quiet_prints_nothing(easy: Path, tmp_path: Path) -> None:
-    result = run("plan", easy, "-o", tmp_path / "plan.json", "--quiet")
-    assert (result.exit_code, result.output) == (0, "")
-    assert Plan.load(tmp_path / "plan.json").stated_status == "certified"
-
-
-@pytest.mark.parametrize("solver", ["daqp", "clarabel", "osqp", "cvxpy"])
-def test_plan_with_each_solver(solver: str, easy: Path, tmp_path: Path) -> None:
-    result = run("plan", easy, "-o", tmp_path / "plan.json", "--solver", solver, "--seed", "3")
-    assert result.exit_code == 0, result.output
-    assert json.loads((tmp_path / "plan.json").read_text())["solver"] == solver
 
 
 def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path, tmp_path: Path) -> None:
@@ -191,12 +168,6 @@ def test_video_without_ffmpeg_is_refused_before_planning(
     assert not (tmp_path / "plan.json").exists()
 
 
-def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
-    result = run("plan", "builtin:crossing", "-o", tmp_path / "plan.json")
-    assert result.exit_code == 0, result.output
-    assert Plan.load(tmp_path / "plan.json").scenario == "crossing"
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -230,13 +201,6 @@ def test_bad_options_are_refused_before_planning(
         assert words in result.stderr
     assert [file.name for file in tmp_path.iterdir()] == ["easy.yaml"]
     assert easy.read_bytes() == before
-
-
-def test_an_unknown_built_in_scenario_is_refused() -> None:
-    result = run("plan", "builtin:crosing")
-    assert result.exit_code == 2
-    assert "'crosing'" in result.stderr
-    assert "'crossing'" in result.stderr
 
 
 def test_settings_are_changed_by_name(easy: Path, tmp_path: Path) -> None:

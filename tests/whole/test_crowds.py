@@ -9,15 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import common, online_crowds
+from benchmarks import common
 from benchmarks.crowds import __main__ as crowds
-from benchmarks.crowds import policies, protocols, recorded
+from benchmarks.crowds import policies, recorded
 from benchmarks.report.__main__ import main as write_page
 from scp_planner.arrays import Array
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.simulation.crowds import circle_crossing
-from scp_planner.simulation.worlds import track_course
 
 
 def test_closest_is_that_of_many_points_between() -> None:
@@ -47,28 +46,6 @@ def test_planner_crosses_and_the_page_tells(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     assert write_page(["--results", str(tmp_path), "--page", str(page)]) == 0
     assert "## Among people" in page.read_text() and "scp crowd" in page.read_text()
-
-
-def test_summary_counts_times_of_those_that_succeed() -> None:
-    row = {"success": 1, "contact": 0, "contact_standing": 0, "late": 0, "time": 10.0, "least_distance": 0.2}
-    row |= {"median_ms": 5.0, "slow_ms": 9.0, **dict.fromkeys(policies.PLAN_OUTCOMES, 0), "kept": 30, "braking": 10}
-    rows = [row, {**row, "time": 12.0}, {**row, "success": 0, "contact": 1, "time": 3.0, "least_distance": -0.1}]
-    facts = protocols.summary(rows)
-    assert facts["success"] == pytest.approx(2.0 / 3.0) and facts["mean_time"] == pytest.approx(11.0)
-    assert facts["least_distance"] == -0.1 and facts["braking"] == pytest.approx(0.25)
-
-
-def test_orca_drives_straight_alone_and_round_who_stands_and_is_run_over_by_who_comes_late() -> None:
-    stands = track_course(Track("s", np.array([0.0, 60.0]), np.array([[4.0, 0.1], [4.0, 0.1]])))
-    late = track_course(Track("l", np.array([1.0, 60.0]), np.array([[1.5, 0.0], [1.5, 0.0]])))
-    rows = [
-        online_crowds.SIMPLER["orca"](online_crowds.Task(0.0, (0.0, 0.0), (8.0, 0.0), people))
-        for people in ({}, {"s": stands}, {"l": late})
-    ]
-    assert [row["arrived"] for row in rows[:2]] == [1, 1] and [row["contact"] for row in rows] == [0, 0, 1]
-    # In the last metre it is as fast as that is long.
-    alone = (7.0 - math.log(online_crowds.GOAL_RADIUS)) / online_crowds.VEHICLE.max_speed
-    assert rows[0]["travel_time"] == pytest.approx(alone, abs=0.2) and rows[1]["travel_time"] > rows[0]["travel_time"]
 
 
 def test_recorded_scene_begins_where_the_published_one_does() -> None:

@@ -257,22 +257,6 @@ def test_formulas_are_set() -> None:
     assert ["".join(line.itertext()).replace("\xa0", " ") for line in lines] == ["a≤a few", "b≤1"]
 
 
-@pytest.mark.parametrize("source", [r"\unknown", r"\frac{1}", "{a", "a}", r"\left( a", "a $ b"])
-def test_formulas_that_are_not_known_are_refused(source: str) -> None:
-    with pytest.raises(ValueError, match=r"what is|missing|too early"):
-        _formula(source)
-
-
-def test_letters_in_sentences_have_their_indices() -> None:
-    from docs.hooks import with_indices
-
-    html = "<p>S_w and c_j = t_i^j, v_max <code>x_i</code> max_speed, a_b_c</p>"
-    expected = (
-        "<i>S</i><sub>w</sub> and <i>c</i><sub>j</sub> = <i>t</i><sub>i</sub><sup>j</sup>, <i>v</i><sub>max</sub>"
-    )
-    assert with_indices(html) == f"<p>{expected} <code>x_i</code> max_speed, a_b_c</p>"
-
-
 def test_every_formula_of_the_pages_is_known() -> None:
     texts = {str(page): page.read_text(encoding="utf-8") for page in PAGES}
     formulas = [each for text in texts.values() for each in re.findall(r"^```math\n(.*?)^```", text, re.M | re.S)]

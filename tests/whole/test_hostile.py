@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from dataclasses import replace
@@ -17,7 +16,7 @@ import scp_planner as sp
 from benchmarks.hostile import calls, clocks, commands, planfiles, sensors, workers
 from benchmarks.hostile.cases import Case, Kind, carry_out, make
 from benchmarks.hostile.outcome import Outcome
-from benchmarks.hostile.wild import Wild, scaled, wild
+from benchmarks.hostile.wild import Wild, wild
 
 MEGABYTE = 10**6
 
@@ -64,42 +63,6 @@ def test_most_wild_scenarios_are_legal_and_they_have_every_feature() -> None:
         assert all(any(one.data[part].get(key) is not None for one in drawn) for key in keys)
     processes = [each["model"]["process"] for each in obstacles if (each.get("model") or {}).get("process")]
     assert len({each["process"]["kind"] for each in processes}) == 4
-
-
-def test_scaling_scales_every_quantity_by_its_unit() -> None:
-    length, duration = 7.0, 0.5
-    drawn = next(
-        one
-        for one in (wild(np.random.default_rng(seed)) for seed in itertools.count())
-        if one.data["bounds"] and one.data["obstacles"] and one.data["vehicle"]["max_curvature"]
-    )
-    made, data = scaled(drawn.data, length, duration), drawn.data
-    assert made["vehicle"]["max_speed"] == pytest.approx(data["vehicle"]["max_speed"] * length / duration)
-    assert made["vehicle"]["max_acceleration"] == pytest.approx(
-        data["vehicle"]["max_acceleration"] * length / duration**2
-    )
-    assert made["vehicle"]["max_curvature"] == pytest.approx(data["vehicle"]["max_curvature"] / length)
-    assert made["start"]["time"] == pytest.approx(data["start"]["time"] * duration)
-    assert made["bounds"]["max"] == pytest.approx([length * x for x in data["bounds"]["max"]])
-    assert made["confidence"] == data["confidence"]
-
-
-def test_what_a_tracker_says_is_scaled_by_the_units_of_each_part() -> None:
-    length, duration = 7.0, 0.5
-    estimate = {"time": 1.0, "position": [1.0, 2.0], "velocity": [3.0, 0.0], "covariance": np.ones((4, 4)).tolist()}
-    made = scaled({"id": "a", "estimate": estimate, "margin": 1.0}, length, duration)
-    said = made["estimate"]
-    assert (made["margin"], said["time"]) == (length, duration)
-    assert said["velocity"] == pytest.approx([3.0 * length / duration, 0.0])
-    units = np.array([length, length, length / duration, length / duration])
-    assert np.array(said["covariance"]) == pytest.approx(np.outer(units, units))
-
-
-@pytest.mark.parametrize(("kind", "powers"), [("random_walk", (2, -3)), ("random_walk_acceleration", (2, -5))])
-def test_a_diffusion_is_of_what_diffuses(kind: str, powers: tuple[int, int]) -> None:
-    made = scaled({"process": {"kind": kind, "diffusion": 1.0}, "velocity_deviation": 1.0}, 7.0, 0.5)
-    assert made["process"]["diffusion"] == pytest.approx(7.0 ** powers[0] * 0.5 ** powers[1])
-    assert made["velocity_deviation"] == pytest.approx(14.0)
 
 
 def _near() -> Wild:

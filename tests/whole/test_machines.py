@@ -46,28 +46,6 @@ def test_a_kernel_is_asked_for_where_the_processor_can_run_it(
             machines.kernel_settings(kernel, frozenset(features), {})
 
 
-def test_features_of_a_processor_are_read_as_linux_tells_them(machines: ModuleType, tmp_path: Path) -> None:
-    (tmp_path / "cpuinfo").write_text("processor\t: 0\nflags\t\t: fpu sse2 avx\nbugs\t\t: avx512f\n", encoding="utf-8")
-    assert machines.processor_features(tmp_path / "cpuinfo") == {"fpu", "sse2", "avx"}
-    assert machines.processor_features(tmp_path / "nothing") == frozenset()
-
-
-def test_a_python_that_does_not_run_is_passed_over(
-    machines: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a command of pyenv on the path, of a version that is not the one in use."""
-    command, real = tmp_path / "shims" / "python3.12", tmp_path / "versions" / "3.12.9" / "bin" / "python3.12"
-    for path, code in ((command, 127), (real, 0)):
-        path.parent.mkdir(parents=True)
-        path.write_text(f"#!/bin/sh\nexit {code}\n", encoding="utf-8")
-        path.chmod(0o755)
-    monkeypatch.setenv("PATH", str(command.parent))
-    monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
-    assert machines.found("python3.12") == real
-    real.unlink()
-    assert machines.found("python3.12") is None
-
-
 def test_numpy_does_without_the_features_that_it_has(machines: ModuleType) -> None:
     """Names that this numpy has for what this processor has: of others it would warn."""
     try:

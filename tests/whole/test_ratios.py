@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scenes import disc, drone, scene
 
 import scp_planner as sp
-from scp_planner.problem.build import acceleration_breakpoints
 
 
 def ratios(least: float, most: float) -> st.SearchStrategy[float]:
@@ -112,15 +111,6 @@ def test_crossers_of_all_ratios_are_passed_or_named(data: st.DataObject) -> None
     assert plan.converged is not None
     assert plan.travel_time >= plan.lower_bound * (1.0 - 1e-5)
     assert sp.certify(scenario, plan).holds is plan.certified
-
-
-def test_breakpoints_are_at_the_switches_however_near_to_others() -> None:
-    equal = acceleration_breakpoints(4, ())
-    assert equal == (0.0, 0.25, 0.5, 0.75, 1.0)
-    # The nearest one is moved; the second switch near it, and those near the ends, are further ones.
-    assert acceleration_breakpoints(4, (0.26, 0.27)) == (0.0, 0.26, 0.27, 0.5, 0.75, 1.0)
-    assert acceleration_breakpoints(4, (1e-6, 0.99)) == (0.0, 1e-6, 0.25, 0.5, 0.75, 0.99, 1.0)
-    assert acceleration_breakpoints(4, (0.0, 1.0, 0.5)) == equal
 
 
 @pytest.mark.parametrize("length", [160.0, 320.0, 5000.0])

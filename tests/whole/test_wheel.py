@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -91,20 +90,6 @@ def test_the_page_of_the_package_has_no_link_that_leads_only_in_the_repository(w
     links = re.findall(r"\]\(([^)]*)\)", re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL))
     assert [link for link in links if not link.startswith(("https://", "#"))] == []
     assert "<!--" not in page
-
-
-def test_where_there_is_a_place_for_sources_links_lead_there() -> None:
-    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    readme = (
-        "# It\n\n![A plan](docs/demo.png)\n\nSee [the page](docs/page.md) and [that](https://example.org) [up](#it).\n"
-    )
-    assert module.page_of(readme, None) == "# It\n\nSee the page and [that](https://example.org) [up](#it).\n"
-    there = module.page_of(readme, "https://example.org/it/")
-    assert "![A plan](https://example.org/it/docs/demo.png)" in there
-    assert "[the page](https://example.org/it/docs/page.md) and [that](https://example.org) [up](#it)" in there
 
 
 def test_the_source_distribution_has_all_that_the_tests_read(tmp_path: Path) -> None:
