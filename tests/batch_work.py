@@ -1,4 +1,4 @@
-"""What workers do in tests of executors. A module of its own, so that they load nothing else."""
+"""Work for the workers of tests of executors, in a module that loads nothing else."""
 
 from __future__ import annotations
 

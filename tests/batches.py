@@ -1,4 +1,4 @@
-"""What tests of batches share: an executor that does the work here and now, and odd names of files."""
+"""Shared by tests of batches: an executor that does the work here and now, and odd names of files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all tests share: recorded data from outside the project, and a scenario to change."""
+"""Shared by all tests: recorded data from outside the project, and a scenario to change."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """What has been loaded by now stays: the garbage collector need not look through it again and again."""
+    """Spare the garbage collector all that is loaded by now."""
     gc.collect()
     gc.freeze()
 
@@ -69,7 +69,7 @@ def command_line_made_once() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def log_level() -> Iterator[None]:
-    """Which messages are let through is as it was: commands that run in the tests' own process set it."""
+    """Restore the level of logging: commands that run in the tests' own process set it."""
     logger = logging.getLogger("scp_planner")
     level = logger.level
     yield

@@ -1,4 +1,4 @@
-"""What tests of figures share: plans to draw, and parts of a figure."""
+"""Shared by tests of figures: plans to draw, and parts of a figure."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def long_program() -> QuadraticProgram:
 
 
 def without_slacks(program: QuadraticProgram) -> SlackedProgram:
-    """The same program, as one in which no row has a slack."""
+    """A program in which no row has a slack."""
     size = len(program.gradient)
     return SlackedProgram(
         program.hessian,

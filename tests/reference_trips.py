@@ -126,7 +126,7 @@ def _spline(breaks: Array, control: Array) -> BSpline:
 
 
 def least(function: Callable[[Array], Array], low: float, high: float, count: int = 20001) -> tuple[float, float]:
-    """Where a function of an array is least, and its value there."""
+    """Place of the least value of a function of an array, and that value."""
     grid = np.linspace(low, high, count)
     values = function(grid)
     best = int(np.argmin(values))

@@ -1,4 +1,4 @@
-"""What tests of replans share: solvers that fail or talk, and a vehicle that follows its plans."""
+"""Shared by tests of replans: solvers that fail or talk, and a vehicle that follows its plans."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def rewritten(
     shift: tuple[float, float] = (0.0, 0.0),
     turn: float = 0.0,
 ) -> Scenario:
-    """The same scene with lengths and times so many times as large, then moved in time and place, and turned first.
+    """A scene with lengths and times so many times as large, then moved in time and place, and turned first.
 
     Only what scenes of tests have is looked at: discs, motions and observations that are seen in all directions alike.
     """

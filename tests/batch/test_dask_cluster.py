@@ -89,7 +89,7 @@ def test_dask_that_is_not_installed_is_named(folder: Path, monkeypatch: pytest.M
 
 
 def test_a_dask_worker_that_is_killed_takes_only_what_kills_every_worker(cluster: Any, tmp_path: Path) -> None:
-    """What it had been given beside that is done by others."""
+    """Other workers do the rest of its work."""
     items = [(number, str(tmp_path)) for number in range(12)]
     with closing(DaskExecutor(cluster.scheduler_address)) as executor:
         answers = results_of(executor, batch_work.tell_and_die_at_three, items)

@@ -134,7 +134,7 @@ def test_kinds_of_predictions_are_told_apart_once_there_are_enough_errors_of_eac
 
 
 def test_regions_that_are_right_are_left_as_they_are() -> None:
-    """Of errors that regions of 95 % have by 5 % but for chance, no more is known than that the regions are right."""
+    """Regions of 95 % that are left by 5 % of the errors, but for chance, keep their size."""
     rng, names = np.random.default_rng(8), [f"t{number}" for number in range(40)]
     shape, noise = np.tile([1.0, 0.0, 1.0], (40, 1)), np.tile([4.0, 0.0, 4.0], (40, 1))
     border, found = -2.0 * math.log(0.05), []

@@ -1,4 +1,4 @@
-"""What follows from an estimate: polynomials, lengths, regions."""
+"""Derived from an estimate: polynomials, lengths, regions."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_the_standardised_speed_is_the_mean_over_directions() -> None:
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_a_manoeuvre_adds_to_the_variance(order: int) -> None:
-    """That of a change of acceleration, known to 0.3 m/s2, which begins at the last observation."""
+    """A change of acceleration, known to 0.3 m/s2, begins at the last observation."""
     rng = np.random.default_rng(11)
     times = irregular(rng)
     estimate = estimate_motion(times, observe(rng, times, order), SIGMA, order)

@@ -182,7 +182,7 @@ def test_fitted_tails_cover_the_next_errors() -> None:
 
 
 def test_few_tracks_widen_the_tails() -> None:
-    """The same 600 errors: ten each from 60 tracks that differ as wholes, or each on its own."""
+    """600 errors: ten each from 60 tracks that differ as wholes, or each on its own."""
     for seed in range(2):
         (single,) = student_errors(6.0, [1.0], tracks=60, each=1, seed=seed)
         alike = replace(single, squares=np.repeat(single.squares, 10), tracks=np.repeat(np.arange(60), 10))

@@ -31,7 +31,7 @@ def covariances(count: int, obstacles: int = 3) -> np.ndarray:
 
 
 def assert_same(one: PolynomialEstimate, other: PolynomialEstimate) -> None:
-    """The same to 1e-10 of the distances and of the covariances, up to 4 s ahead."""
+    """Equal to 1e-10 of the distances and of the covariances, up to 4 s ahead."""
     times = other.reference_time + np.array([-0.5, 0.0, 1.0, 4.0])
     moved = np.abs(other.position(times) - other.position(times[0])).max() + 0.1
     assert one.position(times) - other.position(times) == pytest.approx(np.zeros((4, 2)), abs=1e-10 * moved + 1e-9)

@@ -1,4 +1,4 @@
-"""What a tracker says: motions that go on from a state and its covariance."""
+"""Estimates of a tracker: motions that go on from a state and its covariance."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def process(kind: str) -> ProcessModel:
 
 
 def covariance(components: int) -> Array:
-    """Of a state whose components' errors hang together."""
+    """Covariance of a state with correlated components."""
     draw = np.random.default_rng(4).normal(size=(2 * components, 2 * components))
     scale = np.repeat([0.1, 0.15, 0.1][:components], 2)
     mixed = draw @ draw.T / (2 * components) + np.eye(2 * components)
@@ -125,7 +125,7 @@ def said_mean(components: int) -> Array:
 
 
 def _row(model: ProcessModel | None, components: int, lead: float) -> Array:
-    """What the state says of the position later."""
+    """Row that maps the state to a later position."""
     if model is not None and model.process.kind == "singer":
         tau = model.process.time_constant
         return np.array([1.0, lead, tau**2 * (lead / tau - 1.0 + np.exp(-lead / tau))])

@@ -122,7 +122,7 @@ needs_rosbags = pytest.mark.skipif(
 
 
 def read_back(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    """What the library's own reader finds: by topic, the stamps and the messages."""
+    """Contents by the library's own reader: by topic, the stamps and the messages."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as reader:
@@ -133,7 +133,7 @@ def read_back(path: Path) -> dict[str, list[tuple[int, Any]]]:
 
 
 def read_by_another(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    """What a reader finds that shares no code with the writer."""
+    """Contents by a reader that shares no code with the writer."""
     reader = pytest.importorskip("mcap_ros2.reader", reason="needs mcap-ros2-support, which is not installed")
     found: dict[str, list[tuple[int, Any]]] = {}
     for message in reader.read_ros2_messages(str(path)):

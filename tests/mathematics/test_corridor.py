@@ -60,7 +60,7 @@ def joined(count: int, size: float, turned: float) -> list[list[planar.Point]]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_wall_lies_in_a_road_of_parts_that_share_their_ends(seed: int) -> None:
-    """Where lines of many parts meet in a point, edges of walls are no longer than rounding, in any direction."""
+    """Lines of many parts meet in a point, so edges of walls are as short as rounding, in any direction."""
     rng = np.random.default_rng(seed)
     for _ in range(10):
         polygons = joined(int(rng.integers(20, 60)), float(rng.uniform(10.0, 40.0)), float(rng.uniform(0.0, 6.0)))
@@ -215,7 +215,7 @@ def test_a_planner_online_stays_in_the_corridor() -> None:
 
 
 def test_walls_have_no_edge_that_is_only_rounding() -> None:
-    """Where three polygons meet in a point, up to rounding, walls would have an edge as long as that."""
+    """Three polygons meet in a point, up to rounding: walls could have an edge of that length."""
     tilt = 0.3
     turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
     polygons = [

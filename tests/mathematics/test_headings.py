@@ -25,7 +25,7 @@ def angles(pointing: PiecewisePolynomials, times: Array) -> Array:
 
 
 def apart(one: Array | float, other: Array | float) -> Array:
-    """How much two directions of lines differ, rad."""
+    """Angle between two directions of lines, rad."""
     difference: Array = np.abs((np.asarray(one) - other + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
     return difference
 

@@ -1,4 +1,4 @@
-"""What a planner refuses: calls, settings and solvers."""
+"""Refusals of a planner: calls, settings and solvers."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def test_a_vehicle_brakes_evenly_unless_its_jerk_is_limited() -> None:
 
 @pytest.mark.parametrize("spans", [0, 2, 3, 12])
 def test_a_stop_leaves_a_trip_without_a_jump(spans: int) -> None:
-    """Of a trip that speeds up first: also where that has to be taken away."""
+    """The trip speeds up first, and the stop may have to take that away."""
     trip = cruise(60.0, 20.0, 0.0, 0.5, 0.5, 0.2)
     stop = BRAKING.stop_after(trip, spans)
     branch = float(spans)

@@ -115,9 +115,9 @@ def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: 
 
 
 def test_a_turn_that_was_begun_is_gone_on_with() -> None:
-    """What comes speeds up. If each replan began a turn of its own, which starts straight on, it would never turn.
+    """The crosser speeds up. If each replan began a turn of its own, straight on at first, it would never turn.
 
-    So it would where the curvature may not jump.
+    A limited rate of the curvature gives such turns.
     """
 
     def speeds_up(time: float | np.ndarray) -> np.ndarray:
@@ -236,7 +236,7 @@ class Hunters:
 
 
 def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
-    """Where the vehicle is that drives a plan up to its branch, and then its stop."""
+    """Positions along a plan up to its branch, and then along its stop."""
     if plan.stop is None:
         return plan.position(times)
     stop = plan.stop.frame.to_world(plan.stop.at(times)[0].path.position)
@@ -364,7 +364,7 @@ def walker_at(times: Any, beside: float) -> np.ndarray:
 
 
 def course(now: float, beside: float, growth: float) -> dict[str, Any]:
-    """What is foretold of that, ever less surely."""
+    """Prediction of that motion, ever less certain."""
     spread = (0.03 + growth * LEADS**2) ** 2
     return {
         "time": (now + LEADS).tolist(),

@@ -1,4 +1,4 @@
-"""What is observed while driving: what it does to zones, and to the plans that come next."""
+"""Observations while driving: their effect on zones and on the next plans."""
 
 from __future__ import annotations
 

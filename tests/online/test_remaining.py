@@ -1,4 +1,4 @@
-"""What is left of a trip, against the trip itself at dense times, where it is known in closed form."""
+"""The rest of a trip, against the trip itself at dense times, known in closed form."""
 
 from __future__ import annotations
 

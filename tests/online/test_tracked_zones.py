@@ -215,7 +215,7 @@ def test_what_comes_too_late_is_told_and_left_out_of_a_process_only() -> None:
 
 
 def test_adaptive_regions_hold_as_often_as_they_say_where_the_model_is_wrong() -> None:
-    """Of those that swing about and are taken for going straight on, the model's hold far less often."""
+    """Obstacles swing about and are taken for going straight on: regions of the model hold far less often."""
     rng, count, frames = np.random.default_rng(5), 8, 110
     times = STEP * np.arange(frames + 20)
     course = np.stack([0.3 * np.sin(times[:, None] + rng.uniform(0, 6, count)), np.zeros((len(times), count))], axis=-1)

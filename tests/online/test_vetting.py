@@ -1,4 +1,4 @@
-"""Which trips may be driven: with a plain straight drive at 2 m/s, of which every answer is known beforehand."""
+"""Trips that may be driven: a straight drive at 2 m/s, with answers known beforehand."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BREAKS = tuple(np.linspace(0.0, 1.0, 21).tolist())  # spans of half a second
 
 
 def vetted(*obstacles: dict[str, Any], stops_will_do: bool, acceleration: float = 0.0) -> Vetted | Refusal:
-    """What is said of driving 20 m straight on."""
+    """Verdict on driving 20 m straight on."""
     scenario = scene(*obstacles, start={"speed": SPEED})
     zones = sp.zones(scenario)
     problem = build_problem(scenario, zones, Settings(acceleration_degree=0), BREAKS)
@@ -69,7 +69,7 @@ def test_a_stop_needs_the_next_period_and_the_braking_distance(gap: float, stops
 
 @pytest.mark.parametrize(("acceleration", "kept"), [(0.12, True), (0.13, False)])
 def test_a_trip_above_the_top_speed_is_refused_whole(acceleration: float, kept: bool) -> None:
-    """It is 3 m/s; after 20 m the speed is sqrt(4 + 40 a), so a = 0.125 m/s2 reaches it."""
+    """The top speed is 3 m/s; after 20 m the speed is sqrt(4 + 40 a), so a = 0.125 m/s2 reaches it."""
     answer = vetted(stops_will_do=False, acceleration=acceleration)
     assert isinstance(answer, Vetted) is kept
     if isinstance(answer, Refusal):

@@ -61,7 +61,7 @@ def test_what_stands_is_drawn_once(radar: Case) -> None:
 
 
 def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
-    """It is all on the outside of the obstacle grown by its margin, and as long as that is."""
+    """The border is all on the outside of the obstacle grown by its margin, and as long."""
     shapely = pytest.importorskip("shapely")
     plan, scenario = pocket
     (obstacle,) = record_plan(plan, scenario, 3).obstacles

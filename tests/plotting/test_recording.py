@@ -1,4 +1,4 @@
-"""What pictures show: recordings of plans."""
+"""Recordings of plans, as pictures show them."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def page(plan: sp.Plan, scenario: sp.Scenario, tmp_path_factory: pytest.TempPath
 
 
 def data_of(page: Path) -> dict[str, Any]:
-    """What the page's script will read."""
+    """Data that the page's script will read."""
     found = re.search(
         r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL
     )

@@ -46,7 +46,7 @@ class Rules:
         self.slowest = len(grid.speeds) - 1
 
     def is_free(self, line: int, half_offset: int, delay: int) -> bool:
-        """Whether one cell is free, looked up alone."""
+        """True if one cell is free."""
         inside = 0 <= half_offset < len(self.cells[line]) and 0 <= delay < DELAYS
         return inside and bool(self.cells[line][half_offset] >> delay & 1)
 

@@ -19,7 +19,7 @@ def body(x: float, y: float, vx: float, vy: float, radius: float = 0.5) -> Bodie
 
 
 def least_distance(place: Array, relative: Array, horizon: float) -> Array:
-    """Of a disc's centre that moves by relative velocities (n, 2) for a time, from one at a place, (n,)."""
+    """Distances (n,) of a disc's centre at a place from one that moves by relative velocities (n, 2) for a time."""
     squared = (relative**2).sum(axis=1)
     time = np.clip(relative @ place / np.where(squared > 0.0, squared, 1.0), 0.0, horizon)
     return np.hypot(*(place - time[:, None] * relative).T)
@@ -112,7 +112,7 @@ def test_nearest_velocity_is_the_best_of_all() -> None:
 
 
 def test_least_bad_velocity_is_that_of_linprog() -> None:
-    """Where nothing keeps all rows; the disc is a polygon of 720 sides there."""
+    """No velocity keeps all rows; the disc is a polygon of 720 sides."""
     rng = np.random.default_rng(4)
     rows = rows_of(rng, 30, 6, 0.3)
     chosen = nearest_velocities(rows, rng.uniform(-1.0, 1.0, (30, 2)), np.ones(30))

@@ -30,7 +30,7 @@ def observations(times: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
 
 
 def exactly(values: NDArray[np.float64]) -> NDArray[Any]:
-    """The same numbers as fractions."""
+    """Numbers as fractions."""
     return np.vectorize(Fraction, otypes=[object])(values)
 
 

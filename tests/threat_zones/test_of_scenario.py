@@ -180,7 +180,7 @@ def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
 
 
 def test_zones_of_many_obstacles_are_those_of_each_alone() -> None:
-    """Of all models, with short and long histories and all kinds of noise; and of what trackers say."""
+    """All models, short and long histories, all kinds of noise, and estimates of trackers."""
     rng, obstacles = np.random.default_rng(0), list[dict[str, Any]]()
     models: list[Any] = [{"order": 1}, {"order": 2}, "pedestrian", "car", "ship"]
     for number in range(20):

@@ -112,7 +112,7 @@ def driving(places: Array, model: object, level: str) -> sp.Scenario:
 
 
 def holds(zone: Any, times: Array, centers: Array, velocities: Array) -> bool:
-    """Whether a zone holds the true rectangle at all times: it is convex, so its corners will do."""
+    """True if a zone holds the true rectangle at all times; the zone is convex, so corners will do."""
     angle = np.arctan2(velocities[:, 1], velocities[:, 0])
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(-1, 2, 2)
     corners = centers[:, None] + np.einsum("nab,cb->nca", turn, CORNERS)

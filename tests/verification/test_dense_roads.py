@@ -50,7 +50,7 @@ def test_accelerations_along_and_across_count_together() -> None:
 @pytest.mark.parametrize(("asked", "names"), [(0.5, set()), (0.45, {"start_acceleration"})])
 @pytest.mark.parametrize("jerk", [0.1, None])
 def test_the_acceleration_at_the_start_is_the_one_asked_for(asked: float, names: set[str], jerk: float | None) -> None:
-    """Where the jerk is limited; else it may be another one at once."""
+    """Without a limit of the jerk it may be another one at once."""
 
     def position(t: Array) -> Array:
         return np.stack([t + 0.5 * t**2 / 2.0, np.zeros_like(t)], axis=1)

@@ -1,4 +1,4 @@
-"""What the planner promises, on the reference scenarios: certified by every solver, and true when looked at closely."""
+"""Promises of the planner on the reference scenarios: certified by every solver, and true when looked at closely."""
 
 from __future__ import annotations
 

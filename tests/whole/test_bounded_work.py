@@ -40,10 +40,10 @@ T = TypeVar("T")
 
 
 def peak_of(work: Callable[[], T]) -> tuple[T, int]:
-    """What a search gives, and the most bytes that it takes at once.
+    """Result of a search, and the most bytes that it takes at once.
 
     Asked of Linux, where one can: tracemalloc, which notes each allocation, takes ten times as long as the search.
-    What earlier tests have freed is given back first, as it would be taken again without a trace.
+    Memory that earlier tests have freed is given back first: it would be taken again without a trace.
     """
     status, marks = Path("/proc/self/status"), Path("/proc/self/clear_refs")
     give_back = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.access(marks, os.W_OK) else None

@@ -66,7 +66,7 @@ def _stands(name: str, first: float, last: float, place: tuple[float, float]) ->
 
 
 def test_recorded_scene_sets_off_when_nobody_touches_the_robot_nor_will_at_once() -> None:
-    """Who stands by the start until step 220, and who is there from 7.5 steps, 3 s, before a recording begins."""
+    """One stands by the start until step 220; one is there from 7.5 steps, 3 s, before a recording begins."""
     step, (x, y) = recorded.STEP, recorded.PLACES["eth"].start
     there = _stands("there", 0.0, 220.0 * step, (x + 1.1, y))
     comes = _stands("comes", 240.0 * step, 250.0 * step, (x, y - 1.1))

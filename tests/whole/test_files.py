@@ -1,4 +1,4 @@
-"""Where files are written: only to regular ones, through links, whole or not at all."""
+"""Targets of writing: only regular files, through links, whole or not at all."""
 
 from __future__ import annotations
 

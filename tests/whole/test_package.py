@@ -51,7 +51,7 @@ def test_import_loads_nothing_slow() -> None:
 
 
 def test_import_loads_few_modules() -> None:
-    """What makes it quick, on a busy machine, too: of the package itself one module, and of others only Python's."""
+    """A quick import, on a busy machine, too: one module of the package, and others only of Python."""
     code = "import sys, json; old = {*sys.modules}; import scp_planner; print(json.dumps([*({*sys.modules} - old)]))"
     loaded = json.loads(in_a_new_interpreter(code))
     own = {name for name in loaded if name.partition(".")[0] == "scp_planner"}

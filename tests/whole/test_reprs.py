@@ -1,4 +1,4 @@
-"""What a session shows of plans, runs and scenarios: a line each, and a picture in notebooks."""
+"""Representations of plans, runs and scenarios: a line each, and a picture in notebooks."""
 
 from __future__ import annotations
 

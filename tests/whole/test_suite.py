@@ -160,7 +160,7 @@ def test_the_scene_is_planned_certified_and_safe(name: str, solver: str) -> None
 
 
 def turned_and_moved(scenario: sp.Scenario, angle: float, shift: Array) -> sp.Scenario:
-    """The same scene elsewhere; a box stays along the axes: it is only moved."""
+    """A scene elsewhere; a box stays along the axes: it is only moved."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
     def place(point: object) -> list[float]:

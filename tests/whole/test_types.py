@@ -1,4 +1,4 @@
-"""What users write passes mypy and pyright as they come, without plugins: the first pages' code, and lists for rows."""
+"""Code of users passes mypy and pyright as they come, without plugins: the first pages' code, and lists for rows."""
 
 from __future__ import annotations
 

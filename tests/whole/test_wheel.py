@@ -131,7 +131,7 @@ def test_the_citation_is_of_this_version() -> None:
 def test_importing_it_needs_and_loads_nothing_but_the_standard_library(
     wheel: Path, tmp_path: Path, run: Callable[..., str]
 ) -> None:
-    """Where nothing is installed, nothing can be loaded; and no extra is missed."""
+    """In an empty environment nothing can be loaded, and no extra is missed."""
     python = environment(tmp_path / "empty", with_pip=False)
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip())
     assert list(site.iterdir()) == []
@@ -174,7 +174,7 @@ print(*sorted(set(sys.modules) - before))
 
 
 def test_a_planner_that_is_made_loads_nothing_when_it_first_replans(run: Callable[..., str]) -> None:
-    """What takes a second to load would be missed by the first deadline."""
+    """A module that takes a second to load would miss the first deadline."""
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{REPLANNING}"
     assert run(sys.executable, "-c", code).split() == []
 
