@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from replanning import begin, follow
@@ -15,7 +17,7 @@ pytestmark = pytest.mark.numerics
 Array = np.ndarray
 
 
-def filtered(kind: type, joseph: bool, steps: int, prior: float) -> Array:
+def filtered(kind: Any, joseph: bool, steps: int, prior: float) -> Array:
     """The covariance of a Kalman filter of constant velocity after some steps, in a precision."""
     dt, turn = 0.1, 0.7
     c, s = np.cos(turn), np.sin(turn)

@@ -68,7 +68,7 @@ def test_what_was_seen_before_it_went_does_not_bring_it_back() -> None:
     planner.remove_obstacle("a")
     planner.observe("a", 1.9, (10.0, 4.0))
     follow(planner, 2.1)
-    assert planner.zones == ()
+    assert not planner.zones
     planner.observe("a", 2.1, (10.0, 4.0))
     follow(planner, 2.2)
     assert [zone.id for zone in planner.zones] == ["a"]

@@ -99,7 +99,10 @@ def test_a_copy_with_another_start_leaves_obstacles_where_they_are() -> None:
 
 def test_motions_are_told_from_courses_by_their_times() -> None:
     course = {"time": np.array([0.0, 1.0]), "position": [[9.0, 4.0], [9.0, 5.0]]}
-    kinds = [({"position": [9.0, 4.0]}, Motion), ({"time": None, "position": [9.0, 4.0]}, Motion)]
+    kinds: list[tuple[Any, type]] = [
+        ({"position": [9.0, 4.0]}, Motion),
+        ({"time": None, "position": [9.0, 4.0]}, Motion),
+    ]
     kinds += [({"time": 3, "position": [9.0, 4.0]}, Motion), (course, Course), (FORK["motion"], Futures)]
     for motion, kind in kinds:
         assert type(sp.Obstacle(id="a", shape={"disc": 0.5}, motion=motion).motion) is kind
