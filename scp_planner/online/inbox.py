@@ -123,7 +123,7 @@ class Inbox:
                     yield one.at(self.stamps.now - HORIZON)
 
     def _is_news(self, one: Sighting | Update) -> bool:
-        """Whether anything older than zones reach is worth knowing, since nothing newer is: then it is all there is."""
+        """True if anything older than zones reach is worth knowing, since nothing newer is: then it is all there is."""
         track = self.obstacles.tracks.get(one.obstacle)
         if track is not None and (track.fixed is not None or track.newest > self.stamps.now - HORIZON):
             self._note(one, "it is older than anything is foretold, and left out")

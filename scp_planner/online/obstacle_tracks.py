@@ -20,19 +20,19 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
+from scp_planner.online.given_motions import GivenZones
 from scp_planner.online.histories import remember
 from scp_planner.online.many_zones import Level
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import NOTICED, RegionSizes
-from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
+from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
 from scp_planner.online.settled_tracks import Learnt, SettledTracks
 from scp_planner.online.sorted_tracks import SortedTracks, TrackKind, learns
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Allowance, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
-    GivenZones,
     NoticingTrack,
     ObstacleTrack,
     PolynomialTrack,
@@ -326,8 +326,11 @@ class ObstacleTracks:
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         try:
             estimate = track.estimate(self.newcomers)
+            while track.estimates_noise and is_misfit(track.times, track.positions, estimate.noise_covariance):
+                track.begin_again(len(track.times) // 2, self.newcomers, self._make)
+                estimate = track.estimate(self.newcomers)
         except EstimationError:
-            track.begin_again(self.newcomers, self._make)
+            track.begin_again(1, self.newcomers, self._make)
             estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             return estimate.with_manoeuvre(self.allowance.now)
@@ -351,11 +354,11 @@ class ObstacleTracks:
         return made
 
     def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> ThreatZone:
-        """The zone of one track, of its newest observation alone where what was seen makes no zone."""
+        """Zone of one track, of its newest observation alone where what was seen makes none."""
         try:
             return self._plain(track, estimate, *more)
         except EstimationError:
-            track.begin_again(self.newcomers, self._make)
+            track.begin_again(1, self.newcomers, self._make)
             return self._plain(track, self._estimate(track), *more)
 
     def _plain(
@@ -400,8 +403,7 @@ class ObstacleTracks:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
         times = float(zone.centers.breakpoints[0, 0]) + FORETOLD
-        confidence = self.confidence
-        scale = marginal_scale(str(confidence.level), confidence.probability, len(times), uncertain)
+        scale = marginal_scale(str(self.confidence.level), self.confidence.probability, len(times), uncertain)
         covariances = zone.covariance(times) / (scale * (1.0 + INTERPOLATED))
         return Course.model_construct(
             time=tuple(times.tolist()),

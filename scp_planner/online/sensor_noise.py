@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.covariances import LEAST_DEVIATION
 
 NOISES = 512
 """Newest third differences that the noise is estimated from."""
@@ -14,6 +16,10 @@ SURE = 4.0
 """Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough."""
 NEIGHBOURS = 4
 """Observations that a third difference is of."""
+FEWEST, MOST = 12, 64
+"""Newest observations of one obstacle from which it is told that its motion is another."""
+EXACT = 10.0
+"""Least standard deviations that are used, up to which residuals are no sign of another motion."""
 _SELF = np.eye(NEIGHBOURS)[..., None]
 _MEDIAN = 1.3862943611198906  # of chi-square with 2 degrees of freedom
 _MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping differences, times sqrt(n)
@@ -39,6 +45,18 @@ def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Arra
     clock, places = view(times, NEIGHBOURS).T, view(positions, NEIGHBOURS, axis=0).transpose(1, 2, 0)
     apart = np.diff(clock, axis=0).min(axis=0) > 0.0
     return third_differences(clock[:, apart], places[..., apart], whiten[None])
+
+
+def is_misfit(times: Sequence[float], positions: Sequence[tuple[float, float]], noise: Array) -> bool:
+    """True if residuals are larger than neighbouring observations explain, (n,) s and (n, 2) m."""
+    if len(times) < FEWEST or np.trace(noise) < EXACT**2 * LEAST_DEVIATION**2:
+        return False
+    newest, places = np.array(times[-MOST:]), np.array(positions[-MOST:])
+    differences = neighbour_differences(newest, places, np.linalg.inv(np.linalg.cholesky(noise)))
+    if len(differences) < FEWEST - NEIGHBOURS:
+        return False
+    doubt = SURE * _MEDIAN_ERROR / math.sqrt(len(differences))
+    return _median(differences) / _MEDIAN < 1.0 / (1.0 + doubt)
 
 
 class NoiseWatch:

@@ -22,6 +22,7 @@ from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.covariances import LEAST_DEVIATION
 from scp_planner.online.foretold import KEPT, Prediction
+from scp_planner.online.given_motions import GivenZones
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
@@ -180,15 +181,6 @@ class ProcessTrack(TrackEstimator):
 
 EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]
 """Makes the estimator of a track, which has seen nothing."""
-
-
-@dataclass(frozen=True)
-class GivenZones:
-    """Zones of a motion that is given, and what they were made of: many replans ask for the same ones."""
-
-    motion: GivenMotion
-    uncertain: int
-    zones: tuple[ThreatZone, ...]
 
 
 @dataclass(slots=True)
@@ -353,11 +345,12 @@ class ObstacleTrack:
         self.newcomer, self.predicted, self.suspects = True, None, []
         self.relearn(newcomers, make)
 
-    def begin_again(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
-        """Forget all but the newest observation: no estimate can be computed from all of them."""
-        logger.info("obstacle %s: learnt anew, no motion can be estimated from what was seen", self.id)
-        self.given, self.varying = None, self.covariances[-1] is not None
-        self.suspects = [Seen(self.times[-1], self.positions[-1], self.covariances[-1])]
+    def begin_again(self, count: int, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+        """Forget all but the newest observations, so many: no motion is estimated from all of them."""
+        logger.info("obstacle %s: learnt anew from its newest %d observations", self.id, count)
+        newest = zip(self.times[-count:], self.positions[-count:], self.covariances[-count:], strict=True)
+        self.suspects = [Seen(*one) for one in newest]
+        self.given, self.varying = None, self.varying and any(one.covariance is not None for one in self.suspects)
         self.learn_anew(newcomers, make)
 
     def _update(self, estimator: TrackEstimator, one: Seen, newcomers: SceneNewcomers) -> None:
@@ -382,8 +375,9 @@ class ObstacleTrack:
         """True if to see something as far away as this, or farther, is less probable than ``least``."""
         if self.predicted is None or least <= 0.0:
             return False
-        estimated = self.seen_noise if one.covariance is None else None
-        noise = self.noise_of(one.covariance, newcomers) if estimated is None else estimated
+        noise = self.noise_of(one.covariance, newcomers)
+        if one.covariance is None and self.seen_noise is not None and np.trace(self.seen_noise) < np.trace(noise):
+            noise = self.seen_noise
         return self.predicted.exceedance(one.time, one.position, noise) < least
 
     def estimate(self, newcomers: SceneNewcomers) -> MotionEstimate:

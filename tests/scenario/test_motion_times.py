@@ -92,7 +92,7 @@ def test_a_copy_with_another_start_leaves_obstacles_where_they_are() -> None:
     later = scenario.model_copy(update={"start": scenario.start.model_copy(update={"time": 7.0})})
     assert sp.zones(later)[0].center(7.0) == pytest.approx([10.6, 3.0])
     new = sp.Obstacle(id="b", shape={"disc": 0.5}, motion=Motion(position=(9.0, 3.0), velocity=(0.5, 0.0)))
-    assert new.motion is not None and new.motion.time is None
+    assert isinstance(new.motion, Motion) and new.motion.time is None
     both = later.model_copy(update={"obstacles": (*later.obstacles, new)})
     assert [zone.center(7.0)[0] for zone in sp.zones(both)] == pytest.approx([10.6, 9.0])
 
