@@ -205,7 +205,7 @@ class Decision:
         if self._looks.is_due(now, kept):
             other, _ = self._looks.look(now, Renewal(self._means, now).loop, kept)
             if other is not None:
-                return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
+                return self._means.plan_of(other, now, Outcome.IMPROVED, "alternative route")
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> tuple[Vetted | Refusal, str]:
@@ -221,7 +221,7 @@ class Decision:
                 return refusal, ""
         elif last is None and self._gone_on == GONE_ON and self._takes_turns(now):
             self._put_off = True
-            return Refusal("ways are looked at again at the next replan"), ""
+            return Refusal("no alternative route yet; the search resumes at the next replan"), ""
         best, why = self._looked(now, fresh)
         return (Refusal(refusal.why or why, refusal.room), "") if best is None else (best, why)
 
@@ -231,7 +231,7 @@ class Decision:
         if not self._looks_now(now):
             return None, ""
         best, said = self._looks.look(now, fresh.loop, None)
-        return best, said if best is None else "first plan" if now.last is None else "another way round"
+        return best, said if best is None else "first plan" if now.last is None else "alternative route"
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
@@ -255,7 +255,7 @@ class Decision:
             room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
             if -math.inf < room < -HOPELESS * radius:
-                return Refusal("every stop from what is left of the last trip is far inside of a zone", room)
+                return Refusal("every stop from the rest of the last trip is far inside a zone", room)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
         if isinstance(without, Vetted) and without.trip is not now.last.trip:
             got_back = max(arrival - without.arrival, 0.0)

@@ -23,7 +23,7 @@ from scp_planner.trips.trip import Trip
 
 PARTS = (1.0, 0.75, 0.5, 0.25)
 """Shares of the time in which samples of a dodge are clear, for which it is tried to certify it."""
-NO_TIME = "there is no time now to look for a way"
+NO_TIME = "no search for routes in this replan"
 EASINGS = (0.4, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 DEEP = 2.0
@@ -84,7 +84,7 @@ class Fallback:
         dodge = self._evasion.sooner(now, plan.trip)
         if dodge is None:
             return plan
-        return self._dodging(now, dodge, "there is more room for it than on the way")
+        return self._dodging(now, dodge, "it keeps more clearance than the plan")
 
     def _dodging(self, now: Replan, dodge: Dodge, why: str) -> OnlinePlan:
         stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
@@ -99,7 +99,7 @@ class Fallback:
             return safe
         promised = self._as_promised(now)
         if promised is not None:
-            text = f"{why}; the last plan's stop is gone on with"
+            text = f"{why}; the last plan's stop continues"
             return self._means.plan_of(promised, now, Outcome.BRAKING, text)
         return self._least_harmful(now, fresh, why)
 
@@ -118,9 +118,9 @@ class Fallback:
             return self._harmful(now, dodge, why)
         if dodge.safe:  # it was none of those that were tried to certify
             return self._dodging(now, dodge, why)
-        text = f"{_what(dodge)} as before: {why}; nothing is safe, and nothing new does less harm"
+        text = f"{_what(dodge)} as before: {why}; nothing is safe, and no new candidate has lower expected severity"
         if not goes_on:
-            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, dodge)}"
+            text = f"{why}; nothing is safe, this has the lowest expected severity: {self._what_holds(now, dodge)}"
         return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text)
 
     def _harmful(self, now: Replan, stop: Stop, why: str) -> OnlinePlan:
@@ -133,11 +133,11 @@ class Fallback:
         now.lap("certificate")
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
         if now.last is not None and trip is now.last.trip:
-            text = f"goes on: {why}; nothing is safe, and nothing else does less harm: {harm}"
+            text = f"goes on: {why}; nothing is safe, and no candidate has lower expected severity: {harm}"
             return self._means.plan_of(Vetted(trip, replace(certificate, holds=False), None), now, Outcome.KEPT, text)
-        text = f"{why}; no stop is certified, this is the least bad: {harm}"
+        text = f"{why}; no stop is certified, this has the lowest expected severity: {harm}"
         if certificate.holds:
-            text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
+            text = f"{why}; the stop is certified until the vehicle stands; a moving obstacle may still reach it"
         return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
     def _goes_on(self, now: Replan) -> list[Stop]:

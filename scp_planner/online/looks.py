@@ -147,7 +147,7 @@ class Looks:
         if not first:
             left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
         spare: Vetted | None = None
-        said = "no way round was found"
+        said = "no route was found"
         while left > 0 and perf_counter() <= now.deadline:
             if look.trip is None and not self._begins(now, look):
                 break

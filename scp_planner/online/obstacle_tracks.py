@@ -157,7 +157,7 @@ class ObstacleTracks:
         self._ready = None
         if not self.noise.take_in(differences):
             return
-        logger.info("noise: taken for %.3g times the variance that is declared", self.noise.factor)
+        logger.info("noise: taken as %.3g times the declared variance", self.noise.factor)
         for bank in self._banks.values():
             bank.set_noise(self.noise.factor)
         for track in self.tracks.values():
@@ -203,12 +203,12 @@ class ObstacleTracks:
         if track.came_already(one):
             return "it came twice"
         if track.comes_too_late(one):
-            return f"it came too late, after {MOST_LATE} that were seen after it"
+            return f"it came too late, after {MOST_LATE} newer observations"
         if track.is_improbable(one, self.watch.gate_probability, self.newcomers):
             track.suspects.append(one)
             if len(track.suspects) < MOST_SUSPECTS:
-                return "it is improbable after what was seen before"
-            logger.info("obstacle %s: learnt anew, it moves otherwise than estimated", name)
+                return "it is improbable given the earlier observations"
+            logger.info("obstacle %s: track restarted, it moves otherwise than estimated", name)
             track.learn_anew(self.newcomers, self._make)
             return None
         track.suspects = []

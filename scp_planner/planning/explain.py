@@ -44,8 +44,8 @@ _ENDS = {
     LoopStatus.ITERATION_LIMIT: "the limit of iterations was reached",
     LoopStatus.TIME_LIMIT: "the time limit was reached",
     LoopStatus.SOLVER_FAILED: "the solver failed on the last subproblem",
-    LoopStatus.SLOWER: "the run was given up as slower than another",
-    LoopStatus.SAME_WAY: "the run was given up as going the way of another",
+    LoopStatus.SLOWER: "the run was aborted as slower than another",
+    LoopStatus.SAME_WAY: "the run was aborted as converging to the trip of another",
 }
 
 
@@ -76,7 +76,7 @@ def explain(
     """Say in one line why there is no certified plan."""
     told = grave_violations(scenario, trip, certificate)
     parts = ["; ".join(map(str, told)) or UNCHECKED, *_causes(scenario, threat_zones, trip, told, prove_until)]
-    tried = _listed([_counted(number, what) for what, number in ending.tried.items()])
+    ways = "1 attempt" if ending.tried == 1 else f"{ending.tried} attempts"
     penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
     parts.append(f"Best of {tried}; {_ENDS[ending.status]}{penalty}")
     helps = "; ".join(_relaxations(scenario, told))
@@ -164,7 +164,7 @@ def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
     rate = vehicle.max_acceleration if last > first else vehicle.max_deceleration
     needed, way = abs(last**2 - first**2) / (2.0 * rate), trip.trajectory.path.arc_length
     if needed > way * (1.0 + ROUNDING):
-        yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this way is {way:.3g} m long"
+        yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this path is {way:.3g} m long"
 
 
 def _uncertainty(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], cut: Sequence[Violation]) -> Iterator[str]:
@@ -195,11 +195,11 @@ def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], 
         told += f", as of {len(others)} more ({named})"
     believed = [model.order for model in wide.values() if model.process is None]
     if not believed:
-        return f"{told}: no model says anything so late; replan while driving (simulate, Planner), or ask for less"
+        return f"{told}: no model predicts that far ahead; replan while driving (simulate, Planner), or ask for less"
     names = " or ".join([", ".join(NAMES[:-1]), NAMES[-1]])
     order = max(believed)
     keeps = "if it keeps its velocity, set order: 1; " if order > 1 else ""
-    told += f": the model, order {order} ({_ORDERS[order]}), says nothing so late; "
+    told += f": the model, order {order} ({_ORDERS[order]}), does not predict that far ahead; "
     return f"{told}{keeps}if one fits, set model: {names}"
 
 

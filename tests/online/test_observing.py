@@ -97,7 +97,7 @@ def test_wild_observation_is_left_out_and_a_lasting_change_is_learnt() -> None:
     begin(planner, scenario)
     rng = np.random.default_rng(1)
     planner.observe("a", 0.1, (17.0, -6.0))
-    assert planner.notes[-1] == "a at t = 0.100 s: it is improbable after what was seen before"
+    assert planner.notes[-1] == "a at t = 0.100 s: it is improbable given the earlier observations"
     planner.observe("a", 0.2, (12.05, -5.95))
     follow(planner, 0.2)
     assert planner.zones[0].center(0.2) == pytest.approx((12.0, -6.0), abs=0.15)

@@ -94,7 +94,8 @@ def test_least_bad_stop_is_driven_where_none_is_certified() -> None:
     planner.add_obstacle({"id": "wall", "shape": WALL, "motion": {"position": [position[0] + 1.5, 0.0]}})
     plan = follow(planner, 1.0)
     assert plan.outcome is Outcome.BRAKING and not plan.safe and not plan.certified
-    assert plan.reason is not None and "no stop is certified, this is the least bad: clearance to wall" in plan.reason
+    assert plan.reason is not None
+    assert "no stop is certified, this has the lowest expected severity: clearance to wall" in plan.reason
     # It brakes as hard as it may.
     assert float(plan.speed(1.0 + 0.5)) == pytest.approx(3.0 - 0.5 * scenario.vehicle.max_deceleration, abs=0.05)
 
@@ -160,7 +161,7 @@ def test_a_faster_way_is_found_when_it_opens() -> None:
     before = begin(planner, scenario).arrival_time
     planner.remove_obstacle("p1")
     reasons = [follow(planner, k * PERIOD).reason for k in range(1, 2 * planner.online.look_every)]
-    assert "another way round" in reasons
+    assert "alternative route" in reasons
     assert planner.plan is not None and planner.plan.arrival_time < before - 0.1
 
 
