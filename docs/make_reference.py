@@ -26,9 +26,9 @@ EXIT_CODES = {
     ExitCode.BAD_INPUT: "bad input; nothing has been written",
     ExitCode.NOT_CERTIFIED: "no certified plan exists or was found; the best attempt has been written, with its status "
     "and the reason",
-    ExitCode.CUT_SHORT: "the workers of a batch, or the scheduler of its cluster, have gone; rows that were done are "
-    "kept, and the same command goes on from there",
-    ExitCode.INTERRUPTED: "interrupted; files are whole or not there",
+    ExitCode.CUT_SHORT: "the workers of a batch, or the scheduler of its cluster, are gone; finished rows are "
+    "kept, and the same command resumes",
+    ExitCode.INTERRUPTED: "interrupted; no file is incomplete",
 }
 
 
@@ -43,8 +43,8 @@ def pages() -> dict[Path, str]:
 def _cli_page() -> Iterator[str]:
     yield from ("# Command line", "", REMADE, "")
     yield "Results go to files and stdout, messages and progress bars to stderr; bars are shown on a terminal only."
-    yield "A file is written under another name and takes its own when it is whole, so none is ever half written."
-    yield "What is there is replaced; symbolic links are followed, and devices, pipes and folders are refused."
+    yield "A file is written under a temporary name and renamed when it is complete."
+    yield "Existing files are replaced; symbolic links are followed; devices, pipes and folders are refused."
     yield "`scp-planner --install-completion` makes the shell complete commands, options, built-in scenarios and names"
     yield "of settings. `SCENARIO` is a file, YAML or JSON, or a built-in scenario such as `builtin:crossing`."
     yield from ("", "| exit code | means |", "| --- | --- |")
@@ -105,9 +105,9 @@ def _default(value: Any) -> str:
 
 def _settings_page() -> Iterator[str]:
     yield from ("# Settings", "", REMADE, "")
-    yield "The defaults need no tuning. On the command line a setting is changed by `--set NAME=VALUE`, in Python by"
-    yield "`scp_planner.Settings(name=value)`. A value outside its range and a name that is no setting are refused, the"
-    yield "latter with the nearest name that is one. `scp-planner settings` prints this list."
+    yield "The defaults need no tuning. `--set NAME=VALUE` changes a setting on the command line,"
+    yield "`scp_planner.Settings(name=value)` in Python. Values out of range are refused, and unknown names with the"
+    yield "nearest known one. `scp-planner settings` prints this list."
     titles: dict[str, tuple[type[Knobs], str]] = {
         "Settings of plans": (Settings, "`scp_planner.Settings`, for `plan`, `penalty_descent` and `Planner`."),
         "Settings of the closed loop": (
@@ -115,7 +115,7 @@ def _settings_page() -> Iterator[str]:
             "`scp_planner.OnlineSettings`, for `Planner` and `simulate`; on the command line for `simulate`, where"
             " `--rate` gives the period.",
         ),
-        "Newcomers": (Newcomers, "`scp_planner.settings.online.Newcomers`, in `OnlineSettings(newcomers=...)`."),
+        "Tentative tracks": (Newcomers, "`scp_planner.settings.online.Newcomers`, in `OnlineSettings(newcomers=...)`."),
     }
     for title, (settings, text) in titles.items():
         yield from ("", f"## {title}", "", text, "", "| name | default | unit | range | effect |")

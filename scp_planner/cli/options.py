@@ -99,7 +99,7 @@ MotionModel = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Motion model of all obstacles whose motion is estimated, whatever the scenario says: pedestrian, cyclist,"
+        help="Motion model of all obstacles whose motion is estimated, in place of the scenario's: pedestrian, cyclist,"
         " car, ship, drone, or a file of fit-motion.",
         autocompletion=_known_models,
     ),
@@ -130,8 +130,7 @@ Seed = Annotated[
         "--seed",
         metavar="N",
         callback=at_least(0),
-        help="Taken so that all commands have it, 0 or more: planning draws nothing at random, every seed gives the"
-        " same plan.",
+        help="Accepted by all commands, 0 or more: planning draws nothing at random, every seed gives the same plan.",
     ),
 ]
 SearchSeed = Annotated[
@@ -159,9 +158,9 @@ Workers = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print nothing but errors and what --json asks for; no progress bar.")
+    bool, typer.Option("--quiet", "-q", help="Print only errors and the output of --json; no progress bar.")
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what the planner does.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log the planner's steps to stderr.")]
 
 
 def load_scenario(source: str, model: str | None = None) -> Scenario:

@@ -23,7 +23,7 @@ CHANGES = 0.02
 
 @dataclass(frozen=True)
 class Newcomers(Knobs):
-    """Assumptions on obstacles that have only just been seen, until their motion shows.
+    """Priors of tentative tracks: of obstacles with too few observations to estimate their motion.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Newcomers(Knobs):
         Standard deviation of each component of the acceleration. Larger: zones that grow faster at first. None: 0.5
         units.
     noise_deviation : float or None
-        Of an observed coordinate, where it is to be estimated and there are too few observations for that. None: 0.1
-        units.
+        Standard deviation of an observed coordinate, where it is unknown and there are too few observations to estimate
+        it. None: 0.1 units.
     """
 
     velocity_deviation: Annotated[float | None, Above(0.0, LARGEST, "m/s")] = None
@@ -63,16 +63,16 @@ class SceneNewcomers(Newcomers):
 
 
 class Safety(StrEnum):
-    """Condition that a plan must be certified for before it is driven."""
+    """Certificate that a plan needs before it is driven."""
 
     STOP = "stop"
-    """The trip up to a moment at or after the next replan, and a stop from there."""
+    """The trip up to a time at or after the next replan, and a stop from there."""
     TRIP = "trip"
     """The trip up to the goal."""
 
 
 class GiveWay(StrEnum):
-    """Condition under which the vehicle gets out of the way of moving obstacles."""
+    """Condition of an evasive manoeuvre."""
 
     LATE = "late"
     """Only if no trip can be left for a stop that stays clear."""
@@ -89,12 +89,12 @@ def _safeties() -> tuple[str, ...]:
 
 
 class Regions(StrEnum):
-    """Basis of the sizes of zones."""
+    """Source of the sizes of zones."""
 
     MODEL = "model"
-    """The motion that is estimated, whichever is noticed to hold."""
+    """The estimated motion, after change detection."""
     ADAPTIVE = "adaptive"
-    """As above, and by past coverage per obstacle and horizon; see `scp_planner.estimation.conformal`."""
+    """The estimated motion and its coverage so far, by obstacle and horizon; see `scp_planner.estimation.conformal`."""
 
 
 def _regions() -> tuple[str, ...]:
@@ -123,71 +123,69 @@ class OnlineSettings(Knobs):
     period : float or None
         Longest time between two replans. A plan is safe until the next one, so longer: more caution. None: 0.1 units.
     tracking_error : float
-        Largest distance between the vehicle and where its plan has it. Zones are larger by this.
+        Largest distance between the vehicle and its planned position. Zones are larger by this.
     speed_error : float or None
         Largest difference between the speed of the vehicle and that of its plan, with which it still keeps to
-        ``tracking_error``. None: what a stop from top speed that begins with it stays within that by.
+        ``tracking_error``. None: the largest one with which a stop from top speed stays within ``tracking_error``.
     heading_error : float or None
-        Largest difference between the heading of the vehicle and that of its plan; None: as ``speed_error``. A vehicle
-        that is reported farther off than these begins a new plan, from the state that is reported.
+        Largest difference between the heading of the vehicle and that of its plan; None: as ``speed_error``. Beyond
+        these the next plan begins at the reported state.
     arrival_tolerance : float or None
-        Distance from a goal, beyond its radius and ``tracking_error``, at which a vehicle arrives that is not on its
-        plan any more. None: the way of one period at top speed where the goal has neither radius nor region, else 0.
+        Distance from a goal, beyond its radius and ``tracking_error``, at which a vehicle arrives that has left its
+        plan. None: the distance of one period at top speed where the goal has neither radius nor region, else 0.
     reaction_time : float
-        Time between a replan and the moment from which the vehicle follows it. At its top speed the vehicle drives
-        on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too. Where the jerk
-        is limited, a plan begins so much later, where the last one leads.
+        Time from a replan until the vehicle follows it. Zones are larger by ``reaction_time * max_speed`` too, the
+        distance driven before it brakes. Where the jerk is limited, a plan begins so much later, on the last plan.
     safety : Safety
-        What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
+        Certificate that a plan needs before it is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
     stay_clear : float or None
-        Time for which no zone may come over the vehicle after it stands, for a stop to be safe; where there is no such
-        stop, the vehicle gets out of the way. Longer: more caution, and more giving way; 0: a vehicle that stands is
-        taken for safe. None: the time in which, from standing, it drives four times its own width.
+        Time for which no zone may reach the vehicle after it stands, for a stop to be safe; without such a stop the
+        vehicle evades. Longer: more caution, and more evasive manoeuvres; 0: a standing vehicle counts as safe. None:
+        the time in which, from standing, it drives four times its own width.
     give_way : GiveWay
-        When the vehicle gets out of the way: ``late``, where no trip can be left for a stop that stays clear;
-        ``early``, also where a short trip leads nearly as far and keeps farther away.
+        Condition of an evasive manoeuvre: ``late``, where no trip can be left for a stop that stays clear; ``early``,
+        also where a short trip leads nearly as far and keeps farther away.
     foresight : float or None
-        Time that zones are looked at as they are foreseen, see `scp_planner.online.foresight`. None: the time to react,
-        to the next replan and to stop, and somewhat more, since a stop need not begin at once.
+        Time ahead for which zones grow; beyond it they assume future measurements, see `scp_planner.online.foresight`.
+        None: the time to react, to the next replan and to stop, and somewhat more, since a stop need not begin at once.
     iterations : int
         Steps of the loop in one replan, at most; one is enough where it ends clear of all zones, and half as many where
-        the vehicle is where the last plan has it. More: better plans sooner, and longer replans.
+        the vehicle is on its plan. More: better plans sooner, and longer replans.
     improve_every : int
         Replans from one improvement of the plan to the next; half as many while it does not keep all limits yet. In
-        between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows what is seen a
+        between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows measurements a
         little later.
     look_every : int
-        Replans from one look at other ways round to the next, while one could be faster enough to change over. Smaller:
-        other ways are found sooner, and more work.
+        Replans from one search for alternative routes to the next, while one could be faster enough to change. Smaller:
+        alternatives are found sooner, and more work.
     look_iterations : int
-        Steps of the loop from another way, at most. More: ways that need more work are found too.
+        Steps of the loop from an alternative route, at most. More: routes that need more work are found too.
     look_steps : int
-        Steps of the loop from other ways in one replan, one less while there is a plan to drive: a look is spread over
-        several. More: other ways are found sooner, and longer replans.
+        Steps of the loop from alternative routes in one replan, one less while there is a plan to drive: a search is
+        spread over several. More: alternatives are found sooner, and longer replans.
     first_runs : int
-        Ways that a first plan is started from, at most.
+        Starts of the loop for a first plan, at most.
     reserve : float
-        Time on the computer's clock before the deadline that is kept for what is left to do when nothing better has
-        been found.
+        Time on the computer's clock before the deadline that is kept for the fallback.
     newcomers : Newcomers
-        What is taken for granted of obstacles that have only just been seen.
+        Priors of tentative tracks: of obstacles with too few observations to estimate their motion.
     gate_probability : float
         An observation less probable than this is left out, see `scp_planner.online.obstacle_tracks`.
     alarm_probability : float
-        A window of observations less probable than this is an alarm: then zones follow a freer motion, see
-        `scp_planner.online.noticing`. 0: there are no alarms, and the noise that the sensor declares is believed too.
+        A window of observations less probable than this is an alarm: then zones follow a motion with more process
+        noise, see `scp_planner.online.noticing`. 0: no alarms, and the declared sensor noise is not corrected.
     manoeuvre : float
-        Standard deviation of a change of acceleration that an obstacle may begin at any moment, as a multiple of that
-        of newcomers' accelerations; at least 0.3 for a while after an alarm of any other, unless it is 0. Larger: zones
+        Standard deviation of a change of acceleration that an obstacle may begin at any time, as a multiple of that
+        of tentative tracks; at least 0.3 for a while after an alarm of any other, unless it is 0. Larger: zones
         that grow faster, and slower trips.
     changes : float
-        How often an obstacle is taken to change its acceleration, in a unit of time of the scene. Larger: zones allow
-        for a change sooner, and for more that are none, see `scp_planner.online.suspicions`. 0: only after an alarm.
+        Assumed rate of changes of an obstacle's acceleration, per unit of time of the scene. Larger: zones allow for a
+        change sooner, and for more false ones, see `scp_planner.online.suspicions`. 0: only after an alarm.
     regions : Regions
-        What the sizes of zones follow: ``model``, the motion that is noticed to hold; ``adaptive``, that and how often
-        it was right, so that the level is kept in the long run, see `scp_planner.estimation.conformal`.
+        Source of the sizes of zones: ``model``, the estimated motion; ``adaptive``, that and its coverage so far, so
+        that the level is kept in the long run, see `scp_planner.estimation.conformal`.
     forget_after : float
-        An obstacle that has not been seen for so long has gone.
+        An obstacle without observations for so long is forgotten.
     """
 
     period: Annotated[float | None, Above(0.0, LARGEST, "s")] = None

@@ -37,9 +37,9 @@ class Settings(Knobs):
     path_degree : int
         Degree of the offset's B-spline. Higher: smoother curvature, and wider turns between obstacles.
     path_span : float or None
-        Wanted length of a span of the offset's B-spline. Smaller: tighter bends fit, and every step takes longer. They
-        get longer where there would be more than ``max_path_spans``, and where the trip that was found bends within
-        them, shorter ones are tried. None: 1.5 units, and less among many obstacles that are far smaller than that.
+        Desired length of a span of the offset's B-spline. Smaller: tighter curves fit, and every step takes longer.
+        Spans are longer where there would be more than ``max_path_spans``, and are refined where the trip curves
+        within them. None: 1.5 units, and less among many obstacles that are far smaller than that.
     max_path_spans : int
         Spans over a straight guide, at most. More: narrower gaps fit on long trips, and every step takes longer.
     acceleration_degree : int
@@ -49,10 +49,10 @@ class Settings(Knobs):
         Number of equal spans of the acceleration in normalised time; switching times of the trip without
         obstacles are added as breakpoints. More: finer changes of speed, and every step takes longer.
     samples : int
-        Times at which constraints are sampled; minima between them are refined. More: fewer repeats for what the
-        certificate finds between samples, and every step takes longer.
+        Times at which constraints are sampled; minima between them are refined. More: fewer repeats for violations
+        between samples, and every step takes longer.
     clearance_margin : float or None
-        Planned clearance beyond every zone, which absorbs what is linearised. Larger: plans are certified at once
+        Planned clearance beyond every zone, which absorbs linearisation errors. Larger: plans are certified at once
         more often, and pass obstacles at a larger distance. None: 0.001 units.
     limit_margin : float
         Relative distance kept from every limit of the vehicle. Larger: slower trips, and plans that are certified at
@@ -60,16 +60,16 @@ class Settings(Knobs):
     box_margin : float or None
         Planned distance to the sides of the workspace box. None: 0.005 units.
     max_offset : float or None
-        Largest offset of the path from the guide. Larger: wider detours are looked at. None: 8 units.
+        Largest offset of the path from the guide. Larger: wider detours are searched. None: 8 units.
     effort : float
-        Factor of ``searches`` and ``max_runs``, and of how surely the fastest way round is found: from 2 on finer grids
-        are searched as well, unless it is proved first that no trip is notably faster; the plan then tells the bound
-        among the obstacles. Larger: slower, up to that factor. With a time limit the search goes on until then, or
-        until no way is left that may be faster.
+        Factor of ``searches`` and ``max_runs``. From 2 on finer grids are searched as well, unless it is proved first
+        that no trip is notably faster; the plan then has the bound among the obstacles. Larger: slower, up to that
+        factor, and better odds of the fastest homotopy class. With a time limit the search continues until then, or
+        until no candidate is left that may be faster.
     searches : int
-        Sweeps of the search for ways round, at most. More: better odds of the best way among many obstacles.
+        Sweeps of the search for homotopy classes, at most. More: better odds of the best one among many obstacles.
     max_runs : int
-        Ways that the loop is started from, at most. More: slower, and better odds of the best way.
+        Starts of the loop, at most. More: slower, and better odds of the best homotopy class.
     max_iterations : int
         Iterations of one run of the loop, at most.
     tolerance : float or None
