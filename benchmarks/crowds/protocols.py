@@ -130,7 +130,7 @@ def section(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
         groups.setdefault((str(row["protocol"]), str(row["people"]), str(row["robot"]), how), []).append(row)
     published = "\n".join(f"- {protocol}, robot {robot}: {text}." for (protocol, robot), text in PUBLISHED.items())
     text = (
-        "Episodes that others measure their robots in; see [among people](howto/among-people.md). Success: at the goal "
-        "in time, and touched by nobody. Times are of those that succeed, in whole steps of 0.25 s."
+        "Published test episodes; see [among people](howto/among-people.md). Success: at the goal in time, without "
+        "contact. Times are those of successful episodes, in whole steps of 0.25 s."
     )
-    return [f"## {title.capitalize()}", text, table(groups), f"What others say:\n\n{published}"]
+    return [f"## {title.capitalize()}", text, table(groups), f"Published results:\n\n{published}"]

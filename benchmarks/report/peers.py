@@ -26,17 +26,18 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
     return [
         "## Other methods",
         "All methods plan the same scenarios, in the same process and order, on one thread, from the same "
-        f"{len(TEN_STARTS)} starts: bows to both sides, and a slow start. *One* is the first of them; *ten* takes the "
-        "best answer and adds up the times. `scp_planner.plan` chooses its starts itself. Building (compiling, "
-        "symbolic differentiation) is not counted.",
+        f"{len(TEN_STARTS)} starts: arc initial guesses to both sides, and a slow start. *One* is the first of them; "
+        "*ten* takes the best answer and adds up the times. `scp_planner.plan` chooses its starts itself. Building "
+        "(compiling, symbolic differentiation) is not counted.",
         "An answer counts as *certified* if the method itself calls it a success and the independent check, with the "
         f"same tolerances for all, agrees: {1e3 * JUDGE.clearance:g} mm of clearance, "
         f"{1e3 * JUDGE.position:g} mm at the ends, {JUDGE.speed:g} m/s, {JUDGE.acceleration:g} m/s2, "
-        f"{JUDGE.curvature:g} 1/m. The last two columns are medians of the ratios to `scp_planner.plan` on the same "
-        "scenario.",
+        f"{JUDGE.curvature:g} 1/m.",
         *speed_part(rows, starts),
         *certified_part(rows),
-        *_by_family(rows, pairs, plans),
+        "Medians of the wall time over that of `scp_planner.plan` on the same scenario, by family; the median wall "
+        "time in ms; and the median travel time over that of `scp_planner.plan`.",
+        _times(rows, pairs, plans),
         "### Each start by itself",
         _by_start(starts),
         peers_figure(rows, pairs, plans, figures),
@@ -44,42 +45,25 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
     ]
 
 
-def _by_family(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str, Row]) -> list[str]:
-    """Tables of all methods, one for each family of scenarios."""
-    parts = []
-    for family in [*families_of(rows), "all"]:
-        lines = []
-        for method, start_set in pairs:
-            chosen = [
-                row for row in of_family(rows, family) if (row["method"], row["start_set"]) == (method, start_set)
-            ]
-            if not chosen:
-                continue
-            both = [(row, plans[row["scenario"]]) for row in chosen if row["scenario"] in plans]
-            lines.append(
-                [
-                    method,
-                    start_set,
-                    common.number(median_of(chosen, "wall_ms"), 1),
-                    f"{sum(row['certified'] == '1' for row in chosen)}/{len(chosen)}",
-                    common.number(
-                        common.median(value_of(row, "wall_ms") / value_of(plan, "wall_ms") for row, plan in both), 1
-                    ),
-                    common.number(
-                        common.median(
-                            value_of(row, "travel_time") / value_of(plan, "travel_time") for row, plan in both
-                        ),
-                        5,
-                    ),
-                ]
-            )
-        headings = ["method", "starts", "wall ms", "certified", "wall / plan()", "travel time / plan()"]
-        parts += [f"### {family}", common.table(headings, lines)]
-    return parts
+def _times(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str, Row]) -> str:
+    """Table of times over those of the planner on the same scenario: wall times by family, travel times of all."""
+    families = [*families_of(rows), "all"]
+    lines = []
+    for method, start_set in pairs:
+        chosen = [row for row in rows if (row["method"], row["start_set"]) == (method, start_set)]
+        walls = [common.number(_ratio(of_family(chosen, family), plans, "wall_ms"), 1) for family in families]
+        travel = common.number(_ratio(chosen, plans, "travel_time"), 5)
+        lines.append([method, start_set, *walls, common.number(median_of(chosen, "wall_ms"), 1), travel])
+    return common.table(["method", "starts", *families, "wall ms", "travel time"], lines)
+
+
+def _ratio(rows: list[Row], plans: dict[str, Row], key: str) -> float:
+    pairs = [(row, plans[row["scenario"]]) for row in rows if row["scenario"] in plans]
+    return common.median(value_of(row, key) / value_of(plan, key) for row, plan in pairs)
 
 
 def _by_start(starts: list[Row]) -> str:
-    """Table of what each method makes of single starts."""
+    """Results of single starts, by method."""
     lines = []
     for method in dict.fromkeys(row["method"] for row in starts):
         chosen = [row for row in starts if row["method"] == method]
@@ -155,8 +139,8 @@ def certified_part(rows: list[Row]) -> list[str]:
         lines.append([method, start_set, *counts, checked, *(only if method != REFERENCE else (None, None))])
     headings = ["method", "starts", *families, "all", "checked", "only plan()", "only this one"]
     return [
-        "Scenarios with a certified answer; *checked*: with one that passes the check, whatever the method itself "
-        "says of it; *only plan()* and *only this one*: where one of both has a certified answer and the other none.",
+        "Scenarios with a certified answer; *checked*: with an answer that passes the check, even if the method does "
+        "not call it a success; *only plan()* and *only this one*: scenarios that only one of both certifies.",
         common.table(headings, lines),
     ]
 

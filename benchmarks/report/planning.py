@@ -54,7 +54,7 @@ def reference_part(rows: list[Row], figures: Figures) -> list[str]:
     picture = figures.save(figure, "reference", "Travel times against the best known, and the time of each stage")
     return [
         "## Reference scenarios",
-        "One call of `scp_planner.plan` each: search, runs of the loop, certificate. *Time ratio* is the travel time "
+        "One call of `scp_planner.plan` each: search, SCP loop, certificate. *Time ratio* is the travel time "
         "divided by the best known one, medians over certified plans; *dense check* counts plans that "
         "`verification.dense_check` confirms with the errors of finite differences as its only tolerance.",
         common.table(headings, lines),
@@ -120,7 +120,7 @@ def random_part(rows: list[Row]) -> list[str]:
     headings = ["family", "scenarios", "certified", "others", "certified but refused", "wall ms", "wall ms 95 %"]
     return [
         "## Random scenarios",
-        f"{len(rows)} scenarios that nobody has looked at, from the generators in `benchmarks.families`; some have no "
+        f"{len(rows)} unseen scenarios from the generators in `benchmarks.families`; some have no "
         "solution. *Certified but refused* counts certified plans in which the dense check finds a violation.",
         common.table(headings, lines),
         f"`python -m benchmarks.planning --random {len(rows)}`",
@@ -145,10 +145,10 @@ def sizes_part(rows: list[Row], figures: Figures) -> list[str]:
         "## Vehicles of every size",
         f"{len(rows)} scenes in SI units, from robots on a table top to ships and aircraft: easy and dense, obstacles "
         "known and observed with noise. *Best* is the shortest certified time of the same scene in three systems of "
-        "units, with twice as many ways tried, and with splines twice as fine; *by any* counts the scenes that one of "
-        "these certifies. The work is processor time on one thread, beside it over that of a reference scene with as "
-        "many obstacles, on the same machine: the median of 30. *Over 3 times* counts the scenes that take more than "
-        "three times that; *reference*, how many of as many reference scenes do, beside their own median.",
+        "units, with twice as many attempts, and with splines twice as fine; *by any* counts the scenes that one of "
+        "these certifies. The work is processor time on one thread. The next column is its ratio to the median work of "
+        "30 reference scenes with as many obstacles, on the same machine. *Over 3 times* counts the scenes above three "
+        "times that median; *reference* counts them among as many reference scenes.",
         sizes.summary(rows),
         picture,
         "`python -m benchmarks.sizes`",
