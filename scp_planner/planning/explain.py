@@ -76,7 +76,7 @@ def explain(
     """Say in one line why there is no certified plan."""
     told = grave_violations(scenario, trip, certificate)
     parts = ["; ".join(map(str, told)) or UNCHECKED, *_causes(scenario, threat_zones, trip, told, prove_until)]
-    ways = "1 attempt" if ending.tried == 1 else f"{ending.tried} attempts"
+    tried = _listed([_counted(number, what) for what, number in ending.tried.items()])
     penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
     parts.append(f"Best of {tried}; {_ENDS[ending.status]}{penalty}")
     helps = "; ".join(_relaxations(scenario, told))
