@@ -42,7 +42,7 @@ def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
     text = reason(disc("crate", (20.0, 0.3), radius=1.0), disc("far", (5.0, 30.0)), disc("beside", (8.0, 2.5)))
     assert text.startswith("clearance to crate -0.99")
     assert "crate covers the goal" in text
-    assert "Best of 1 attempt" in text, "no other is looked for where none can lead to the goal"
+    assert "Best of 1 arc;" in text, "no route is searched where none can lead to the goal"
     assert "far" not in text and "beside" not in text
 
 
@@ -66,7 +66,8 @@ def test_a_trip_that_there_was_no_time_to_check_is_told_from_one_that_breaks_som
     assert not cut_off.holds and not cut_off.violations
     ending = Ending(LoopStatus.TIME_LIMIT, 0.0, {"way round": 1, "guide along the path": 2})
     text = explain(scenario, (), plan.trip, ending, cut_off, prove_until=-np.inf)
-    assert text == "No time was left to check the trip. Best of 1 attempt; the time limit was reached"
+    tried = "1 way round and 2 guides along the path"
+    assert text == f"No time was left to check the trip. Best of {tried}; the time limit was reached"
 
 
 def test_an_obstacle_is_named_once_whichever_of_its_futures_is_in_the_way() -> None:
