@@ -25,14 +25,16 @@ SCALE = -2.0 * math.log(0.05)
 """Of the region of two normal errors at 95 %."""
 
 
-def tracked(places: Array, order: int = 2, watch: Watch | None = None, probability: float = 0.95) -> ObstacleTracks:
+def tracked(
+    places: Array, model: dict[str, Any] | None = None, watch: Watch | None = None, probability: float = 0.95
+) -> ObstacleTracks:
     """Obstacles at places (F, K, 2) that are observed one frame after the other, and asked for their zones each time.
 
     A frame that is not a number is one in which the obstacle is not seen.
     """
     tracks = ObstacleTracks(sp.Confidence(level="per_time", probability=probability), watch=watch)
     for k in range(places.shape[1]):
-        tracks.add_unseen(str(k), sp.Disc(disc=0.3), sp.Model(order=order), 0.0, SIGMA)
+        tracks.add_unseen(str(k), sp.Disc(disc=0.3), sp.Model(**model or {"order": 2}), 0.0, SIGMA)
     for number, frame in enumerate(places.tolist()):
         for k, (x, y) in enumerate(frame):
             tracks.observe(str(k), STEP * number, (x, y))
@@ -213,8 +215,11 @@ def test_what_comes_too_late_is_told_and_left_out_of_a_process_only() -> None:
 
 # regions that follow what came
 
+STEADY = {"process": {**WANDERER, "diffusion": 1e-4}, "velocity_deviation": 1.0, "noise_deviation": 0.1}
 
-def test_adaptive_regions_hold_as_often_as_they_say_where_the_model_is_wrong() -> None:
+
+@pytest.mark.parametrize("model", [{"order": 1}, {"process": STEADY}], ids=["polynomial", "process"])
+def test_adaptive_regions_hold_as_often_as_they_say_where_the_model_is_wrong(model: dict[str, Any]) -> None:
     """Obstacles swing about and are taken for going straight on: regions of the model hold far less often."""
     rng, count, frames = np.random.default_rng(5), 8, 110
     times = STEP * np.arange(frames + 20)
@@ -222,7 +227,7 @@ def test_adaptive_regions_hold_as_often_as_they_say_where_the_model_is_wrong() -
     seen, shares = noisy(course, 6), {}
     for kind in Regions:
         watch = Watch(regions=kind, alarm_probability=0.0, gate_probability=0.0, changes=0.0)
-        tracks, found = tracked(seen[:60], 1, watch, 0.8), []
+        tracks, found = tracked(seen[:60], model, watch, 0.8), []
         for number in range(60, frames):
             for k, (x, y) in enumerate(seen[number].tolist()):
                 tracks.observe(str(k), STEP * number, (x, y))

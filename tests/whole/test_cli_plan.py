@@ -256,3 +256,9 @@ def test_plan_says_what_no_trip_is_shorter_than(tmp_path: Path) -> None:
         assert plan.gap == pytest.approx(summaries[option]["relative_gap"])
     assert summaries["--no-bound"]["relative_gap"] > 1.0
     assert 0.0 <= summaries["--bound"]["relative_gap"] < 0.01
+
+
+def test_an_unknown_built_in_scenario_is_refused() -> None:
+    result = run("plan", "builtin:crosing")
+    assert result.exit_code == 2
+    assert "'crosing'" in result.stderr and "'crossing'" in result.stderr
