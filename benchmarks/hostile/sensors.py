@@ -20,7 +20,9 @@ ODDITIES = ("float32", "exact", "forgotten", "stamped", "leading")
 MODELS = ("pedestrian", "car", {"order": 1}, {"order": 2})
 STEPS, BEFORE = 32, 15
 LEVEL, MISSED = 0.99, 0.3
-"""Probability at a time, and the share of the times at which a person may be outside: errors last for a while."""
+"""Probability at a time, and the share of the times at which a person may be outside: errors last for a while..."""
+MORE = 0.1
+"""...and how much more of them with stamps of the future than without, of models that do not fit."""
 FORGOTTEN = 1.0
 """s."""
 AHEAD = (0.2, 5.0)
@@ -44,7 +46,20 @@ def draw(rng: np.random.Generator) -> Data:
 
 
 def check(data: Data) -> Outcome:
-    """Drive among people who walk to their goals, and slow down there."""
+    """Drive among people who walk to their goals and slow down there; stamps of the future lose nobody from a zone."""
+    odd = data["odd"]
+    planner, share = _driven(data)
+    allowed = MISSED if odd == "float32" else 1.0
+    if odd == "stamped" and share > MISSED:
+        allowed = max(MISSED, _driven({**data, "ahead": 0.0})[1] + MORE)
+    if share > allowed:
+        return judged(odd, f"{odd}: outside of the zone at {share:.0%} of the times")
+    quiet = odd == "leading" and data["ahead"] > data["period"] and not planner.notes and not planner.doubts
+    return judged(odd, f"nothing is said of stamps that are always {data['ahead']:.3g} s ahead" if quiet else "")
+
+
+def _driven(data: Data) -> tuple[sp.Planner, float]:
+    """The planner after a drive, and the share of the times at which people were outside of their zones."""
     rng, period, odd = np.random.default_rng(data["seed"]), data["period"], data["odd"]
     planner = sp.Planner(
         sp.Scenario(
@@ -85,11 +100,7 @@ def check(data: Data) -> Outcome:
         plan = planner.replan(time, *state)
         state = (plan.position(time + period), float(plan.heading(time + period)), float(plan.speed(time + period)))
         missed += sum(_outside(planner, name, time, place) for name, place in zip(names, places, strict=True))
-    share = missed / (STEPS * len(names))
-    if odd in ("stamped", "float32") and share > MISSED:
-        return judged(odd, f"{odd}: outside of the zone at {share:.0%} of the times")
-    quiet = odd == "leading" and data["ahead"] > period and not planner.notes and not planner.doubts
-    return judged(odd, f"nothing is said of stamps that are always {data['ahead']:.3g} s ahead" if quiet else "")
+    return planner, missed / (STEPS * len(names))
 
 
 def _outside(planner: sp.Planner, name: str, time: float, place: np.ndarray) -> bool:

@@ -38,9 +38,8 @@ def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Arra
             continue
         vectors = name in ("position", "velocity")
         given = part.vectors(name, len(times)) if vectors else part.vector(name, len(times))
-        # Where an acceleration jumps it has two values
-        moved = (-slack, 0.0, slack) if name == "acceleration" else (0.0,)
-        off = np.min([_apart(name, given, told(name, times + later)) for later in moved], axis=0)
+        # Times are rounded too, and where an acceleration jumps it has two values
+        off = np.min([_apart(name, given, told(name, times + later)) for later in (-slack, 0.0, slack)], axis=0)
         allowed, worst = SAMPLES_TOLERANCE * scale + ROUNDING * float(np.abs(given).max()), int(np.argmax(off))
         if not off[worst] <= allowed:
             found = told(name, times)[worst].tolist()
