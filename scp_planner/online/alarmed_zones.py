@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,17 +13,21 @@ from scp_planner.estimation.motion_estimate import standardised_speed
 from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
-from scp_planner.online.suspicions import MOST_EVIDENCE, ONSETS, Changes, changed_motions, changes_of
+from scp_planner.online.suspicions import SUSPICIONS, Changes, changed_motions, changes_of
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
 
-KNOTS = 8
-"""Spans between moments at which those that weave are put down, up to when they are taken for settled."""
-SPAN = 0.4
-"""Shortest period of a swing, of one of them."""
-LOOKS = np.array([0.0, 0.05, 0.15, 0.3, 0.6])
-"""Moments among the first ones, besides the ends of all, for zones that grow fast at first."""
+
+@dataclass(frozen=True)
+class WeavingParameters:
+    knots: int = 8  # Spans between times at which zones of those that weave are put down, until they have converged
+    span: float = 0.4  # Periods of the fastest oscillator model, that a span is long
+    # Spans; times within the first ones besides the ends of all, since zones grow fast at first
+    early: tuple[float, ...] = (0.0, 0.05, 0.15, 0.3, 0.6)
+
+
+WEAVING = WeavingParameters()
 
 
 class Alarmed:
@@ -57,7 +62,7 @@ class Alarmed:
         if self.deviation <= 0.0:
             return np.zeros(0, dtype=np.intp)
         known = [track.settled for track in self.tracks]
-        return np.flatnonzero(known & (self.bank.count[self.slots] > ONSETS[0]))
+        return np.flatnonzero(known & (self.bank.count[self.slots] > SUSPICIONS.onsets[0]))
 
     @cached_property
     def _changes(self) -> Changes:
@@ -71,7 +76,7 @@ class Alarmed:
         slots = self.slots[some]
         roots, noise = self.bank.polynomials.roots.of(slots), self.bank.noise_of(slots)
         changed = changed_motions(roots, self._changes.sure(), noise, start)
-        odds = np.clip(self.bank.gain[slots] - self._changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
+        odds = np.clip(self.bank.gain[slots] - self._changes.total, -SUSPICIONS.most_evidence, SUSPICIONS.most_evidence)
         share = 1.0 / (1.0 + np.exp(odds))
         if leads is None:
             return filters.blended(some, changed, share)
@@ -82,12 +87,12 @@ class Alarmed:
     def _weaving(self, start: float, level: Level, sizing: Sizing | None) -> list[ThreatZone]:
         """Zones of those that weave."""
         bank, count = self.bank, len(self.tracks)
-        span = SPAN * 2.0 * np.pi / float(bank.widening.swings.rates.max())
-        leads = span * np.concatenate([LOOKS, np.arange(1.0, KNOTS)])
+        span = WEAVING.span * 2.0 * np.pi / float(bank.widening.swings.rates.max())
+        leads = span * np.concatenate([WEAVING.early, np.arange(1.0, WEAVING.knots)])
         many = len(leads)
         times = np.repeat(start + leads, count)
         near = self._mixture(bank.mixed(np.tile(self.slots, many), times), start, leads)
-        end = span * KNOTS
+        end = span * WEAVING.knots
         settled = self._mixture(bank.settled(self.slots, self._at(start + end)), start + end)
         later = future_of(settled, start + end)
         error, cross, rate, force = (

@@ -12,13 +12,11 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.online.covariances import repaired, square_matrix
+from scp_planner.online.tolerances import RELATIVE
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.units import Units
-
-SPEED_ROUNDING = 1e-9
-"""Relative: a speed above the limit by less is at the limit."""
 
 
 class OutOfRangeError(ValueError):
@@ -78,7 +76,7 @@ def checked_motion(name: str, motion: GivenMotion | Mapping[str, Any]) -> GivenM
 
 def speeding(speed: float, limit: float) -> str | None:
     """Report a speed of the vehicle above its limit, m/s: it is planned from as it is, and brakes at first."""
-    if speed <= limit * (1.0 + SPEED_ROUNDING):
+    if speed <= limit * (1.0 + RELATIVE):
         return None
     return f"the vehicle drives at {speed:.4g} m/s, {100.0 * (speed / limit - 1.0):.2g} % above its limit"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from scp_planner.certificate.verdict import GOAL_SPEED_TOLERANCE
 from scp_planner.online.braking import Braking
@@ -14,11 +14,15 @@ from scp_planner.scenario.models import Goal
 from scp_planner.scenario.scale import TOP_SPEED
 from scp_planner.settings.online import SceneOnlineSettings
 
-ARRIVED = 1e-3
-"""Units of length: nearer than this there is no way left to plan."""
-HEADING = 0.05
-"""rad, of a goal's heading, where the follower states no tolerance that is larger."""
-GENTLE = 0.5
+
+@dataclass(frozen=True)
+class ArrivalParameters:
+    arrived: float = 1e-3  # Units of length: nearer than this there is no way left to plan
+    heading: float = 0.05  # rad, of a goal's heading, where the follower states no tolerance that is larger
+    gentle: float = 0.5  # Least share of the deceleration with which the vehicle brakes to its goal
+
+
+ARRIVAL = ArrivalParameters()
 
 
 class Arrival:
@@ -29,11 +33,11 @@ class Arrival:
         given, top = online.arrival_tolerance, min(following.vehicle.max_speed, TOP_SPEED)
         if given is None:
             given = online.period * top if goal.radius == 0.0 and goal.region is None else 0.0
-        self.tolerance = max(goal.radius + given, ARRIVED) + following.largest
+        self.tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
         self._speed = GOAL_SPEED_TOLERANCE + max(
             following.vehicle.max_deceleration * online.period, following.speed or 0.0
         )
-        self._heading = max(HEADING, following.heading or 0.0)
+        self._heading = max(ARRIVAL.heading, following.heading or 0.0)
 
     def is_there(self, place: tuple[float, float], heading: float | None = None) -> bool:
         """True if a position is within the tolerance of the goal; of a goal that is a region, that of the middle."""
@@ -64,7 +68,7 @@ class Arrival:
         """True if there is no way left to plan from a position: it is in the goal."""
         if self.goal.region is not None and distance_outside(self.goal.region, place) == 0.0:
             return True
-        return math.dist(place, self.goal.position) <= max(ARRIVED, self.goal.radius)
+        return math.dist(place, self.goal.position) <= max(ARRIVAL.arrived, self.goal.radius)
 
     @property
     def is_to_stand(self) -> bool:
@@ -77,4 +81,5 @@ class Arrival:
         heading, (x, y) = state.heading or 0.0, self.goal.position
         ahead = (x - state.position[0]) * math.cos(heading) + (y - state.position[1]) * math.sin(heading)
         asked = state.speed**2 / (2.0 * ahead) if ahead > 0.0 else braking.deceleration
-        return replace(braking, deceleration=min(max(asked, GENTLE * braking.deceleration), braking.deceleration))
+        least = ARRIVAL.gentle * braking.deceleration
+        return replace(braking, deceleration=min(max(asked, least), braking.deceleration))

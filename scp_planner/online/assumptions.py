@@ -6,15 +6,11 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.following import NOTHING, Following
+from scp_planner.online.following import Following
 from scp_planner.online.plan import OnlinePlan
-from scp_planner.online.vetting import TINY_TIME, Moment
+from scp_planner.online.tolerances import LATE, OFF, RELATIVE, TIME
+from scp_planner.online.vetting import Moment
 from scp_planner.scenario.units import NaturalUnits
-
-INSIDE = 1e-9
-"""Relative, of the size of a zone: rounding."""
-LATE = 1e-6
-"""Relative, of the period: rounding."""
 
 
 class Assumptions:
@@ -32,7 +28,7 @@ class Assumptions:
             return ()
         found = self._escaped(before, now, last.trip.frame)
         late = now.state.time - before.state.time
-        if late > self._period * (1.0 + LATE) + TINY_TIME:
+        if late > self._period * (1.0 + LATE) + TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
         off = now.deviation(last.trip)
         if not self._following.allows(off):
@@ -57,7 +53,7 @@ class Assumptions:
         clock = np.array([now.state.time - frame.time])
         moved = new.centers.grid(clock)[0, second] - old.centers.grid(clock)[0, first]
         apart = np.hypot(moved[:, 0], moved[:, 1])
-        allowed = INSIDE * old.radius[first] + NOTHING
+        allowed = RELATIVE * old.radius[first] + OFF
         if old.covariances is not None:
             some = old.slot[first] >= 0
             spread = old.covariances.grid(clock)[0, old.slot[first[some]]]
@@ -70,7 +66,7 @@ class Assumptions:
 
 def _radii_towards(moved: Array, covariances: Array) -> Array:
     x, y = moved.T
-    xx, xy, yy = (covariances + NOTHING**2 * np.array([1.0, 0.0, 1.0])).T
+    xx, xy, yy = (covariances + OFF**2 * np.array([1.0, 0.0, 1.0])).T
     squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
     # Where it is just as foretold it has moved in no direction, and there is nothing to reach
     reach: Array = np.hypot(x, y) / np.sqrt(np.maximum(squared, np.finfo(float).tiny))

@@ -9,9 +9,10 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.ramps import JERK_SHARE, Ramps
+from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import HOLD, SAMPLES, Stopping, fits, room_of_stops, room_to_stop, stop_after, stop_now
+from scp_planner.online.stops import STOPS, Stopping, fits, room_of_stops, room_to_stop, stop_after, stop_now
+from scp_planner.online.tolerances import JERK_SHARE, RELATIVE
 from scp_planner.scenario.models import Vehicle
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -20,13 +21,6 @@ from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 from scp_planner.trips.trip import Trip
-
-SPARE = 1.5
-"""Lengths of a stop, that the path of one straight ahead has."""
-SAME_KNOT = 1e-9
-"""Share of a stop's duration: breakpoints that are nearer to each other are one."""
-STRAIGHT_SPANS = 4
-"""Spans of a path straight ahead."""
 
 
 def time_from_a_stand(vehicle: Vehicle, way: float) -> float:
@@ -65,7 +59,7 @@ class EvenBraking:
 
     def spare_way(self, state: State) -> float:
         """Length of a path that a stop fits into, and half of it again, m."""
-        return SPARE * state.speed**2 / (2.0 * self.deceleration)
+        return STOPS.spare * state.speed**2 / (2.0 * self.deceleration)
 
     def stop_after(self, trajectory: Trajectory, spans: int) -> Trajectory | None:
         """Return the stop that leaves a trip after some of its spans."""
@@ -93,7 +87,7 @@ class RampedBraking:
 
     def spare_way(self, state: State) -> float:
         """Length of a path that a stop fits into, and half of it again, m."""
-        return SPARE * float(self._from(state).way[0])
+        return STOPS.spare * float(self._from(state).way[0])
 
     def stop_after(self, trajectory: Trajectory, spans: int) -> Trajectory:
         """Return the stop that leaves a trip after some of its spans, with breakpoints of its own from there on."""
@@ -118,7 +112,7 @@ class RampedBraking:
 
     def _stopping(self, points: TripPoints) -> Stopping:
         ramps = self._ramps(np.maximum(points.speed, 0.0), points.acceleration)
-        after = ramps.duration[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+        after = ramps.duration[:, None] * np.linspace(0.0, 1.0, STOPS.samples)
         return Stopping(ramps.duration, after, ramps.distance(after))
 
     def _from(self, state: State) -> Ramps:
@@ -144,7 +138,7 @@ def _along(path: Path, times: Array, accelerations: Array) -> Trajectory:
     """A drive along a path with given accelerations, m/s^2, at times that do not decrease, s; straight in between."""
     duration = float(times[-1])
     if duration <= 0.0:
-        times, accelerations, duration = np.array([0.0, HOLD]), np.zeros(2), HOLD
+        times, accelerations, duration = np.array([0.0, STOPS.hold]), np.zeros(2), STOPS.hold
     breaks, beta = distinct_knots(times / duration, accelerations)
     space = path.space
     degree = space.path.coefficients.shape[1] - 1
@@ -154,8 +148,8 @@ def _along(path: Path, times: Array, accelerations: Array) -> Trajectory:
 
 def distinct_knots(breaks: Array, values: Array) -> tuple[Array, Array]:
     """Leave out those of breakpoints from 0 to 1, with values there, that are too near to the one before, or to 1."""
-    keep = np.append(True, np.diff(breaks) > SAME_KNOT)
-    keep &= breaks < 1.0 - SAME_KNOT
+    keep = np.append(True, np.diff(breaks) > RELATIVE)
+    keep &= breaks < 1.0 - RELATIVE
     keep[-1] = True
     return breaks[keep], values[keep]
 
@@ -164,6 +158,6 @@ def straight_stop(state: State, braking: Braking, settings: Settings, breakpoint
     """Return the stop straight ahead: what is left where no path can be planned."""
     heading = state.heading or 0.0
     length = max(braking.spare_way(state), 1.0)
-    space = TripSpace(StraightGuide(length), state.speed, settings.path_degree, STRAIGHT_SPANS, 0, breakpoints)
+    space = TripSpace(StraightGuide(length), state.speed, settings.path_degree, STOPS.straight_spans, 0, breakpoints)
     path = Path(space, np.zeros(space.path_size))
     return Trip(PlanningFrame(state.position, heading, state.time), braking.stop_now(path, state))

@@ -7,14 +7,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-MOST_HELD = 1000
-"""Measurements of one obstacle that are held back; what comes then is dropped."""
-ALIKE = 5
-"""Stamps too late by about as much, by which a lead of a sensor's clock is told from single wrong stamps."""
-CALM = 50
-"""Stamps in time in a row after which there is no lead any more: another one is reported anew."""
-ROUNDING = 1e-9
-"""Relative, of a period."""
+from scp_planner.online.tolerances import RELATIVE
+
+
+@dataclass(frozen=True)
+class ClockParameters:
+    most_held: int = 1000  # Measurements of one obstacle that are held back; what comes then is dropped
+    # Stamps too late by about as much, by which a lead of a sensor's clock is told from single wrong stamps
+    alike: int = 5
+    calm: int = 50  # Stamps in time in a row after which there is no lead any more: another one is reported anew
+
+
+CLOCKS = ClockParameters()
 
 
 class Stamped(Protocol):
@@ -39,7 +43,7 @@ class Lead(Generic[AnyStamped]):
     """Stamps of one obstacle that are too late."""
 
     held: list[AnyStamped] = field(default_factory=list)
-    ahead: deque[float] = field(default_factory=lambda: deque(maxlen=ALIKE))  # s
+    ahead: deque[float] = field(default_factory=lambda: deque(maxlen=CLOCKS.alike))  # s
     reported: bool = False
     dropped: bool = False
     calm: int = 0  # Stamps in time since the last one that was too late
@@ -67,7 +71,7 @@ class Stamps(Generic[AnyStamped]):
     def latest(self, replanning: bool) -> float:
         """Latest stamp that is in time, s; between replans the next one is expected as late as the last."""
         ahead = self._period if replanning else max(self._period, self._interval or 0.0)
-        return self.now + ahead * (1.0 + ROUNDING)
+        return self.now + ahead * (1.0 + RELATIVE)
 
     def due(self) -> Iterator[AnyStamped]:
         """Take out of what is held back all whose time has come, in order of time."""
@@ -85,7 +89,7 @@ class Stamps(Generic[AnyStamped]):
             return False
         first = bool(lead.held) and not lead.dropped
         lead.held, lead.dropped, lead.calm = [], lead.dropped or first, lead.calm + 1
-        if lead.calm >= CALM:
+        if lead.calm >= CLOCKS.calm:
             del self._leads[one.obstacle]
         return first
 
@@ -93,7 +97,7 @@ class Stamps(Generic[AnyStamped]):
         """Hold a measurement back; tell if it is the first one of its obstacle for long."""
         first = one.obstacle not in self._leads
         lead = self._leads.setdefault(one.obstacle, Lead())
-        if len(lead.held) < MOST_HELD:
+        if len(lead.held) < CLOCKS.most_held:
             lead.held.append(one)
         lead.ahead.append(one.time - self.now)
         lead.calm = 0
@@ -103,8 +107,8 @@ class Stamps(Generic[AnyStamped]):
         """Leads of obstacles that are constant and have not been reported yet, s: now they have."""
         found, spread = {}, 2.0 * max(self._period, self._interval or 0.0)
         for name, lead in self._leads.items():
-            if not lead.reported and len(lead.ahead) == ALIKE and max(lead.ahead) - min(lead.ahead) <= spread:
-                found[name], lead.reported = sum(lead.ahead) / ALIKE, True
+            if not lead.reported and len(lead.ahead) == CLOCKS.alike and max(lead.ahead) - min(lead.ahead) <= spread:
+                found[name], lead.reported = sum(lead.ahead) / CLOCKS.alike, True
         return found
 
     def forget(self, name: str) -> None:

@@ -6,13 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.online.tolerances import EIGENVALUE, LEAST_DEVIATION, MOST_DEVIATION
 from scp_planner.scenario.obstacle_checks import SYMMETRY
-
-LEAST_DEVIATION, MOST_DEVIATION = 1e-5, 1e2
-"""Least and largest standard deviation that are used, in units of the scene: beside one another in one estimate, their
-squares leave some digits. What is less exact than the largest one may be anywhere on the trip all the same."""
-FLATTEST = 1e-8
-"""Least eigenvalue of a correlation matrix that is used."""
 
 
 def square_matrix(value: ArrayLike, size: int) -> Array:
@@ -55,12 +50,12 @@ def _definite(matrix: Array, scale: Array, least: Array) -> Array:
     own = np.diag(matrix)
     if (own >= least**2).all():
         correlations = matrix / np.sqrt(np.outer(own, own))
-        if np.linalg.eigvalsh(correlations)[0] > FLATTEST:
+        if np.linalg.eigvalsh(correlations)[0] > EIGENVALUE:
             return matrix
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     if values[0] < -SYMMETRY * max(float(values[-1]), 1.0):
         raise ValueError(f"covariance: {matrix.tolist()} is not positive definite")
-    raised = np.maximum(values, max(2.0 * FLATTEST, -float(values[0])))
+    raised = np.maximum(values, max(2.0 * EIGENVALUE, -float(values[0])))
     found: Array = (vectors * raised) @ vectors.T * np.outer(scale, scale)
     found = 0.5 * (found + found.T)
     return found + np.diag(np.maximum(least**2 - np.diag(found), 0.0))

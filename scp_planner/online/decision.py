@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +14,7 @@ from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.renewal import Renewal
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import among_smaller
@@ -24,33 +24,38 @@ from scp_planner.scp.record import FEASIBILITY, LoopRun
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
-NEAR_GOAL = 0.4
-"""Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds."""
-UNFINISHED_SOONER = 2
-"""A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
-ROOM_PRICE = 7e-3
-"""Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
-LESS_ROOM = 0.25
-"""Share of the room that is asked for after more was too dear..."""
-TWICE = 4.0
-"""...and twice as much where so many times what has been spent may be."""
-HOPELESS = 1.0
-"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved: the loop knows of
-no stops."""
-DEEP = 0.5
-"""Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand."""
-PLAIN = 2
-"""Improvements without room after one with room that cost too much: the first of them at the next replan."""
-LOST = 0.1
-"""Share of the time that was given for room, of which a trip without room gets back less where the rest is lost."""
-GONE_ON = 2
-"""Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next one
-dodges are looked at, and no ways: both in one replan take twice as long."""
-WITHOUT_A_LOOK = 5
-"""Replans in a row without a look at ways to the goal, where nothing is safe: dodges are looked at in each of them."""
-SLOWER = 5e-3
-"""Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+
+@dataclass(frozen=True)
+class DecisionParameters:
+    # Of the run that improves the rest of the last plan
+    warm_trust: TrustRegion = field(default=TrustRegion(theta=0.5, beta=1.5, rho=0.1))
+    # Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds
+    near_goal: float = 0.4
+    # A plan that does not keep all limits or foreseen zones yet is improved so many times as often
+    unfinished_sooner: int = 2
+    # Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion
+    room_price: float = 7e-3
+    less_room: float = 0.25  # Share of the room that is asked for after more was too dear
+    twice: float = 4.0  # Twice as much room is asked for next where so many times what has been spent may be spent
+    # Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved: the loop knows
+    # of no stops
+    hopeless: float = 1.0
+    # Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand
+    deep: float = 0.5
+    # Improvements without room after one with room that cost too much: the first of them at the next replan
+    plain: int = 2
+    # Share of the time that was given for room, of which a trip without room gets back less where the rest is lost
+    lost: float = 0.1
+    # Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next
+    # one dodges are looked at, and no ways: both in one replan take twice as long
+    gone_on: int = 2
+    # Replans in a row without a look at ways to the goal, where nothing is safe: dodges are looked at in each of them
+    without_a_look: int = 5
+    # Units of time: by how much later a new plan may arrive before the last one is preferred, if that still holds
+    slower: float = 5e-3
+
+
+DECISION = DecisionParameters()
 
 
 class Waiting:
@@ -106,11 +111,12 @@ class Decision:
             return arriving
         if last is None:
             return self._anew(now, None)
-        if last.arrival_time - now.moment.state.time < NEAR_GOAL:
+        if last.arrival_time - now.moment.state.time < DECISION.near_goal:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if now.cycle - self._improved < self._improve_every and self._plain < PLAIN and self._unfinished is None:
+        due = now.cycle - self._improved >= self._improve_every
+        if not due and self._plain < DECISION.plain and self._unfinished is None:
             kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
@@ -127,7 +133,7 @@ class Decision:
         """Drive on to the goal, or stop at it from the reported state; None where that is not due, or not certified."""
         state, arrival, means = now.moment.state, self.arrival, self._means
         front = state.heading if state.front is None else state.front
-        there, moves = arrival.is_there(state.position, front), state.speed > STANDING
+        there, moves = arrival.is_there(state.position, front), state.speed > STOPS.standing
         if there and last is not None and last.arrival_time > state.time and moves:
             kept = means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
@@ -161,7 +167,7 @@ class Decision:
             if other is None:
                 return plan
             best = other
-        later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + SLOWER
+        later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + DECISION.slower
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             now.lap("certificate")
@@ -175,7 +181,7 @@ class Decision:
 
     def _going_on(self, now: Replan, why: str) -> OnlinePlan | None:
         """Go on with a dodge that was begun, after a look at ways; None where that is not safe or dodges are due."""
-        due = not self._takes_turns(now) or self._gone_on == GONE_ON
+        due = not self._takes_turns(now) or self._gone_on == DECISION.gone_on
         plan = None if due else self._fallback.go_on(now, why)
         self._gone_on = 0 if plan is None else self._gone_on + 1
         return plan
@@ -188,7 +194,7 @@ class Decision:
     def _looks_now(self, now: Replan) -> bool:
         """True if ways are looked at in a replan without a trip to drive on by."""
         is_safe = now.last is None or now.last.safe
-        if is_safe or not self._means.gives_way_late or self._without == WITHOUT_A_LOOK:
+        if is_safe or not self._means.gives_way_late or self._without == DECISION.without_a_look:
             self._without = 0
             return self._looks.is_due(now, None)
         self._without += 1
@@ -198,7 +204,7 @@ class Decision:
     def _improve_every(self) -> int:
         """Replans between improvements: fewer after one that is not good enough yet."""
         every = self._means.online.improve_every
-        return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
+        return every if self._good_enough else max(every // DECISION.unfinished_sooner, 1)
 
     def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
         """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
@@ -219,7 +225,7 @@ class Decision:
             refusal, self._put_off = found, not self._put_off
             if self._put_off:
                 return refusal, ""
-        elif last is None and self._gone_on == GONE_ON and self._takes_turns(now):
+        elif last is None and self._gone_on == DECISION.gone_on and self._takes_turns(now):
             self._put_off = True
             return Refusal("no alternative route yet; the search resumes at the next replan"), ""
         best, why = self._looked(now, fresh)
@@ -245,21 +251,21 @@ class Decision:
         if roomy is not None and clearance >= 0.0:
             found = self._with_room(now, loop.problem, roomy, ahead)
             if found is None:
-                self._room, self._plain = LESS_ROOM, PLAIN
+                self._room, self._plain = DECISION.less_room, DECISION.plain
                 found = self._still_on(now, now.last)
             if found is not None:
                 return found
         self._plain = max(self._plain - 1, 0)
         radius = now.moment.scenario.vehicle.radius
-        if clearance < -DEEP * radius and self._means.vetting.stops_will_do:
+        if clearance < -DECISION.deep * radius and self._means.vetting.stops_will_do:
             room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
-            if -math.inf < room < -HOPELESS * radius:
+            if -math.inf < room < -DECISION.hopeless * radius:
                 return Refusal("every stop from the rest of the last trip is far inside a zone", room)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
         if isinstance(without, Vetted) and without.trip is not now.last.trip:
             got_back = max(arrival - without.arrival, 0.0)
-            self._spent = max(self._spent - got_back, 0.0) if got_back > LOST * self._spent else 0.0
+            self._spent = max(self._spent - got_back, 0.0) if got_back > DECISION.lost * self._spent else 0.0
         return without
 
     def _with_room(self, now: Replan, problem: Problem, roomy: Problem, ahead: Trajectory) -> Vetted | None:
@@ -268,7 +274,7 @@ class Decision:
         arrival = now.last.arrival_time
         run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
         spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
-        most = ROOM_PRICE * (arrival - now.moment.state.time)
+        most = DECISION.room_price * (arrival - now.moment.state.time)
         if spent > most and perf_counter() <= now.deadline:
             return None
         evaluation = among_smaller(run.evaluation, roomy.zones.radius - problem.zones.radius)
@@ -278,7 +284,7 @@ class Decision:
         if not isinstance(found, Vetted):
             return None
         self._spent, self._roomy = max(spent, 0.0), found
-        if TWICE * spent <= most:
+        if DECISION.twice * spent <= most:
             self._room = min(2.0 * self._room, 1.0)
         return found
 
@@ -304,7 +310,7 @@ class Decision:
         most = self._means.online.iterations
         if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-        run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+        run = loop.run(ahead, most, deadline=now.deadline, trust=DECISION.warm_trust, enough=1)
         now.lap("scp")
         return run
 

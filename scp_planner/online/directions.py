@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from scp_planner.certificate.ends import can_reverse
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
 from scp_planner.scenario.models import Steering, Vehicle
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:
     """True if it can set out in any direction, at a speed in units of the scene."""
-    return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STANDING)
+    return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STOPS.standing)
 
 
 def direction(

@@ -10,36 +10,32 @@ from typing import Protocol, Self
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.tolerances import RELATIVE
 from scp_planner.scenario.limits import Limits
 
-DIRECTIONS = 32
-"""Directions where the heading is free..."""
-BENT_DIRECTIONS = 16
-"""...and of courses that turn later."""
-BEND = np.radians(60.0)
-"""By which they turn, to either side..."""
-BEND_TIME = 1.25
-"""...in the middle of the turn after as many of the times in which the vehicle drives its own width."""
-BENT_PROFILES = 4
-"""The last so many profiles: those that last long enough for that."""
-TURNS = np.radians([0.0, 10.0, 22.0, 40.0, 65.0, 100.0, 140.0, 180.0])
-"""By which courses turn from the beginning on, to either side, where it is not."""
-LEVELS = (1.0, 0.5)
-"""Shares of the top speed."""
-CRUISES = (0.0, 1.0, 2.0, 4.0, 8.0)
-"""Times for which a level is kept, in those in which the vehicle drives its own width."""
-SPANS = 32
-"""Spans of the accelerations of an evasive manoeuvre, of equal length."""
-WHOLE = 3
-"""Spans that are lost where phases become whole numbers of them."""
-BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
-TABLE = 33
-"""Points of a turn, of which the others are interpolated."""
-EASING = 0.5
-"""Share of a prompt turn in which it ends."""
-LIMIT_SHARE = 0.98
-"""Share of the limits that evasive manoeuvres use."""
-_SHARES = np.linspace(0.0, 1.0, TABLE)
+
+@dataclass(frozen=True)
+class CourseParameters:
+    directions: int = 32  # Directions where the heading is free
+    bent_directions: int = 16  # Directions of courses that turn later, where the heading is free
+    bend: float = 60.0  # Degrees, by which these turn, to either side
+    bend_time: float = 1.25  # Middle of that turn, in times in which the vehicle drives its own width
+    bent_profiles: int = 4  # The last so many profiles: those that last long enough for that
+    # Degrees, by which courses turn from the beginning on, to either side, where the heading is not free
+    turns: tuple[float, ...] = (0.0, 10.0, 22.0, 40.0, 65.0, 100.0, 140.0, 180.0)
+    levels: tuple[float, ...] = (1.0, 0.5)  # Shares of the top speed
+    # Times for which a level is kept, in those in which the vehicle drives its own width
+    cruises: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0, 8.0)
+    spans: int = 32  # Spans of the accelerations of an evasive manoeuvre, of equal length
+    rounded_spans: int = 3  # Spans that are lost where phases become whole numbers of them
+    table: int = 33  # Points of a turn, of which the others are interpolated
+    easing: float = 0.5  # Share of a prompt turn in which it ends
+    limit_share: float = 0.98  # Share of the limits that evasive manoeuvres use
+
+
+COURSES = CourseParameters()
+BREAKS = tuple(np.linspace(0.0, 1.0, COURSES.spans + 1).tolist())
+_SHARES = np.linspace(0.0, 1.0, COURSES.table)
 
 
 def smooth_step(share: Array) -> Array:
@@ -52,8 +48,8 @@ def smooth_step(share: Array) -> Array:
 def prompt_step(share: Array) -> Array:
     """A step from 0 to 1 that rises evenly from the beginning on; at the end its slope and the change of that are 0."""
     share = np.minimum(share, 1.0)
-    eased = np.maximum(share - (1.0 - EASING), 0.0) / EASING
-    prompt: Array = (share - EASING * eased**3 * (1.0 - 0.5 * eased)) / (1.0 - 0.5 * EASING)
+    eased = np.maximum(share - (1.0 - COURSES.easing), 0.0) / COURSES.easing
+    prompt: Array = (share - COURSES.easing * eased**3 * (1.0 - 0.5 * eased)) / (1.0 - 0.5 * COURSES.easing)
     return prompt
 
 
@@ -64,7 +60,7 @@ class Bend:
 
 
 GRADUAL = Bend(smooth_step, 1.5)
-PROMPT = Bend(prompt_step, 1.015 / (1.0 - 0.5 * EASING))
+PROMPT = Bend(prompt_step, 1.015 / (1.0 - 0.5 * COURSES.easing))
 """Share of the span in which a vehicle turns whose curvature may jump: one that turned gradually would hardly turn
 in a replan."""
 
@@ -105,7 +101,7 @@ class DodgeProfiles(Protocol):
 
 def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
     """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once."""
-    levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
+    levels, cruises = np.meshgrid(np.array(COURSES.levels) * top, np.array(COURSES.cruises) * width / top)
     return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
 
 
@@ -113,7 +109,7 @@ def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
 class Profiles:
     """P drives that end in a stop."""
 
-    speed: Array  # (P, SPANS + 1) At the ends of the spans, m/s
+    speed: Array  # (P, spans + 1) At the ends of the spans, m/s
     span: Array  # (P,) Length of a span, s
     stands: Array  # (P,)
 
@@ -121,15 +117,16 @@ class Profiles:
     def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
         """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits.speed, width)
-        rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
-        change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
-        span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
+        rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * COURSES.limit_share
+        change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * COURSES.limit_share)
+        whole_spans = COURSES.spans - COURSES.rounded_spans
+        span = np.maximum(change + cruise + braking + wait, width / limits.speed) / whole_spans
         # As promptly as the limits allow: whole spans of it, which are as long as that takes.
         whole = np.floor(change / span)
         span = np.where(whole > 0.0, change / np.maximum(whole, 1.0), span)
         first, last = np.where(whole > 0.0, whole, np.ceil(change / span)), np.ceil(braking / span)
         end = first + np.round(cruise / span) + last
-        number = np.arange(SPANS + 1)
+        number = np.arange(COURSES.spans + 1)
         risen = np.clip(number / np.maximum(first, 1.0)[:, None], 0.0, 1.0)
         left = np.clip((end[:, None] - number) / np.maximum(last, 1.0)[:, None], 0.0, 1.0)
         speed = (start_speed + (level - start_speed)[:, None] * risen) * np.where(last[:, None] > 0.0, left, 1.0)
@@ -151,17 +148,17 @@ class Profiles:
 
     def drive(self, number: int) -> DodgeDrive:
         speeds, span = self.speed[number], float(self.span[number])
-        return DodgeDrive(float(speeds[0]), 0, BREAKS, np.diff(speeds) / span, SPANS * span)
+        return DodgeDrive(float(speeds[0]), 0, BREAKS, np.diff(speeds) / span, COURSES.spans * span)
 
     @cached_property
     def driven(self) -> Array:
-        """Distances at the ends of the spans, (P, SPANS + 1) m."""
+        """Distances at the ends of the spans, (P, spans + 1) m."""
         steps = 0.5 * (self.speed[:, 1:] + self.speed[:, :-1]) * self.span[:, None]
         return np.concatenate([np.zeros((len(self.span), 1)), np.cumsum(steps, axis=1)], axis=1)
 
     def distance(self, times: Array) -> Array:
         """Distances driven at times (J,), (P, J) m."""
-        place = np.minimum(times / self.span[:, None], SPANS - 1e-9)
+        place = np.minimum(times / self.span[:, None], COURSES.spans - RELATIVE)
         number = place.astype(np.intp)
         rest = place - number
         profile = np.arange(len(self.span))[:, None]
@@ -183,18 +180,20 @@ class Courses:
     @classmethod
     def straight(cls, ahead: float) -> Courses:
         """Return those of a vehicle with a free heading; the first leads ahead, rad."""
-        return cls(ahead + 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS, np.zeros(DIRECTIONS))
+        many = COURSES.directions
+        return cls(ahead + 2.0 * np.pi * np.arange(many) / many, np.zeros(many))
 
     @classmethod
     def bent(cls, ahead: float) -> Courses:
         """Return those of such a vehicle that turn later."""
-        base = ahead + 2.0 * np.pi * np.arange(BENT_DIRECTIONS) / BENT_DIRECTIONS
-        return cls(np.tile(base, 2), np.repeat([BEND, -BEND], BENT_DIRECTIONS))
+        many, bend = COURSES.bent_directions, np.radians(COURSES.bend)
+        return cls(np.tile(ahead + 2.0 * np.pi * np.arange(many) / many, 2), np.repeat([bend, -bend], many))
 
     @classmethod
     def turning(cls, heading: float, bend: Bend = GRADUAL) -> Courses:
         """Return those of a vehicle with a heading, rad."""
-        turn = np.concatenate([TURNS, -TURNS[1:-1]])
+        turns = np.radians(COURSES.turns)
+        turn = np.concatenate([turns, -turns[1:-1]])
         return cls(np.full(len(turn), heading), turn, bend)
 
     def every(self, stride: int) -> Courses:
@@ -203,10 +202,10 @@ class Courses:
 
     @cached_property
     def _turning(self) -> Array:
-        """Points of turns of length 1, (K, TABLE, 2) m, in the direction in which they begin."""
+        """Points of turns of length 1, (K, table, 2) m, in the direction in which they begin."""
         angle = self.turn[:, None] * self.bend.turned(_SHARES)
         unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (TABLE - 1)
+        steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (COURSES.table - 1)
         return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
 
     @property
@@ -223,11 +222,11 @@ class Courses:
         before = np.minimum(distance, lead[:, :, None])
         share = (distance - before) / length[:, :, None]
         within = np.minimum(share, 1.0)
-        place = np.minimum(within * (TABLE - 1), TABLE - 1 - 1e-9)
+        place = np.minimum(within * (COURSES.table - 1), COURSES.table - 1 - RELATIVE)
         number = place.astype(np.intp)
         rest = place - number
         left, beyond = 1.0 - rest, np.maximum(share - 1.0, 0.0)
-        number += TABLE * np.arange(len(self.turn))[:, None, None]
+        number += COURSES.table * np.arange(len(self.turn))[:, None, None]
         local = []
         # NUMPY-CALLS: by axes, each on its own, as what is indexed in pairs takes twice as long
         for table, end in zip(self._turning.reshape(-1, 2).T.copy(), self._ends, strict=True):

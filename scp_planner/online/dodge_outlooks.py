@@ -11,11 +11,12 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
-from scp_planner.online.dodge_courses import LIMIT_SHARE
-from scp_planner.online.dodge_worth import EXACT, GAIN, GROWING, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
+from scp_planner.online.dodge_courses import COURSES
+from scp_planner.online.dodge_worth import WORTH, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
+from scp_planner.online.tolerances import DIRECTIONLESS
 from scp_planner.online.unrest import Unrest
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left, way_left_both_ways
@@ -24,22 +25,6 @@ from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances
 from scp_planner.trips.trip import Trip
-
-PATIENCE = 10.0
-"""Moments without coming nearer to the goal, after which nearness and spare room count half."""
-SPARE = 1.0 / 24.0
-"""Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a small
-turn takes as much. Of who is slower: in proportion."""
-UNREST_LASTS = 0.5
-"""Moments for which it counts that somebody has changed the velocity..."""
-UNREST = 1.0
-"""...and by how many times as much it may change once more, to the same side: as much nearer are they taken to come."""
-LOST = 4.0
-"""Lengths of way that a length is worth by which a dodge shortens what can be driven at all: it ends in a dead end."""
-TINY = 1e-12
-"""Units of length: nearer than this to a centre there is no direction to it."""
-FARTHEST = 1e9
-"""Stands for a clearance without a zone, where clearances are interpolated."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +55,8 @@ class DodgeOutlooks:
         self._patience = 1.0
         self._change = np.zeros((0, 2))  # of the velocity of each obstacle, of late, (L, 2) m/s
         moment = a_moment(means.given.vehicle)
-        self._unrest = Unrest(UNREST_LASTS * moment)
-        self._growing = GROWING * moment  # s for which zones grow that what is driven is judged by
+        self._unrest = Unrest(WORTH.unrest_lasts * moment)
+        self._growing = WORTH.growing * moment  # s for which zones grow that what is driven is judged by
 
     def note(self, moment: Moment) -> None:
         """Take note of how obstacles move: who has just changed the velocity is kept farther away from."""
@@ -85,21 +70,21 @@ class DodgeOutlooks:
         if not turning.size:
             return room.least
         zones = room.zones[turning]
-        gone = UNREST * np.minimum(times, GAIN * a_moment(self._means.given.vehicle))
+        gone = WORTH.unrest * np.minimum(times, WORTH.gain_time * a_moment(self._means.given.vehicle))
         x, y = (self._change[zones] @ moment.frame.rotation).T[:, :, None, None] * gone
         centers = moment.batch.centers.grid(times)[:, zones].T[:, :, None]
         least = room.least.copy()
         for some in in_parts(len(turning), least.size):
             offset_x, offset_y = place[..., 0] - centers[0, some], place[..., 1] - centers[1, some]
             nearer = x[some] * offset_x + y[some] * offset_y
-            nearer /= np.maximum(np.sqrt(offset_x * offset_x + offset_y * offset_y), TINY)
+            nearer /= np.maximum(np.sqrt(offset_x * offset_x + offset_y * offset_y), DIRECTIONLESS)
             np.subtract(room.each[turning[some]], np.maximum(nearer, 0.0, out=nearer), out=nearer)
             np.minimum(least, nearer.min(axis=0), out=least)
         return least
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts."""
-        lasts = PATIENCE * a_moment(self._means.given.vehicle)
+        lasts = WORTH.patience * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
     def of(self, moment: Moment, dodges: Dodges, near: Index | None = None) -> Outlook:
@@ -146,7 +131,7 @@ class DodgeOutlooks:
         clock, zones = begin + times - trip.frame.time, moment.batch_in(trip.frame)
         grown = max(stop.stands, self._means.vetting.unseen_until(moment))
         sizes = (foreseen(zones, until - trip.frame.time, {}) for until in (grown, min(grown, begin + self._growing)))
-        exact = EXACT * 2.0 * moment.scenario.vehicle.radius
+        exact = WORTH.exact_widths * 2.0 * moment.scenario.vehicle.radius
         away = (batch.distances(clock, points.path.position, exact) for batch in sizes)
         room, judged = (self._room_of(moment, place, each) for each in away)
         direction = points.path.direction
@@ -167,10 +152,10 @@ class DodgeOutlooks:
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
-        counted = np.where(after & (time > OUTLOOK), np.inf, judged.less(self._spare(moment.batch, vehicle)))
+        counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
         closer = self._closer(moment, driven.times, driven.position, judged)
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
-        worth -= LOST * self._way_lost(moment, driven)
+        worth -= WORTH.lost * self._way_lost(moment, driven)
         return Outlook(least, room, clear, leaves, left[0], left[1], left[2], worth)
 
     def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
@@ -193,7 +178,7 @@ class DodgeOutlooks:
 
     def _way_left(self, moment: Moment, driven: Driven, time: Array) -> Array:
         position, heading = (
-            np.stack([values[:, 0], value_at(GAIN, time, values), values[:, -1]])
+            np.stack([values[:, 0], value_at(WORTH.gain_time, time, values), values[:, -1]])
             for values in (driven.position, driven.heading)
         )
         return self._way_from(moment, moment.frame, position, heading)
@@ -218,12 +203,12 @@ class DodgeOutlooks:
         return float((onward - self._way_from(moment, trip.frame, place, heading))[0])
 
     def _cost(self, time: Array, near: Array, counted: Array) -> Array:
-        return NEARNESS * self._patience * nearness(time, near) + harm(time, counted)
+        return WORTH.nearness * self._patience * nearness(time, near) + harm(time, counted)
 
     def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
         """Clearance from each of L zones, (L, 1) m, below which a place counts as within them."""
         speeds = np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
-        spare: Array = SPARE * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
+        spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
         return spare[:, None]
 
     @staticmethod
@@ -235,7 +220,7 @@ class DodgeOutlooks:
         """Return what speaks for a trip, as for dodges; foreseen zones, where it is not certified, speak against it."""
         vehicle, begin = moment.scenario.vehicle, moment.state.time
         width = 2.0 * vehicle.radius
-        ahead = times[times <= (OUTLOOK + 1.0) * a_moment(vehicle)]
+        ahead = times[times <= (WORTH.outlook + 1.0) * a_moment(vehicle)]
         points, _ = trip.at(begin + ahead)
         place = points.path.position
         clock = ahead + (begin - trip.frame.time)
@@ -246,7 +231,8 @@ class DodgeOutlooks:
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
-        gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None]) - self._lost_by_going_on(moment, trip)
+        gained = value_at(WORTH.gain_time, time, (driven + vehicle.max_speed * over)[None])
+        gained = gained - self._lost_by_going_on(moment, trip)
         here = moment.frame.to_frame(trip.frame.to_world(place))
         near = np.where(over > 0.0, np.inf, self._closer(moment, ahead, here[None], room))
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
@@ -258,7 +244,7 @@ class DodgeOutlooks:
         turns = moment.state.heading is None or vehicle.steering in (Steering.ANY, Steering.ON_THE_SPOT)
         if turns or not vehicle.max_curvature:
             return 0.0
-        return 1.0 / (LIMIT_SHARE * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
+        return 1.0 / (COURSES.limit_share * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
 
 
 def _that_stand(batch: ZoneBatch) -> ZoneBatch:
@@ -287,7 +273,7 @@ def _within_box(standing: ZoneBatch, points: Array) -> Index:
 
 def until_over(near: Array, driven: Driven) -> Array:
     """Return clearances up to the end of each dodge, which lies between two samples; inf after that."""
-    times, until, near = driven.times, driven.until[:, None], np.minimum(near, FARTHEST)
+    times, until, near = driven.times, driven.until[:, None], np.minimum(near, 1e9)
     step = times[1] - times[0]
     share = np.clip((until - times) / step, 0.0, 1.0)[:, :-1]
     # The first sample after the end stands for the end.

@@ -11,15 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import (
-    BEND_TIME,
-    BENT_PROFILES,
-    GRADUAL,
-    LIMIT_SHARE,
-    Bend,
-    Courses,
-    DodgeProfiles,
-)
+from scp_planner.online.dodge_courses import COURSES, GRADUAL, Bend, Courses, DodgeProfiles
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
@@ -30,17 +22,20 @@ from scp_planner.trips.space import CELLS_PER_SPAN, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-TIMES_LOOKED_AT = 48
-"""Samples of a dodge."""
-PATH_PIECES = (4, 8, 16)
-"""Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
-EXACT_WITHIN = 0.1
-"""Units of length. Distances to outlines beyond this need not be exact."""
-TOGETHER = 16_000
-"""Samples of dodges, times zones, whose distances are computed together."""
+
+@dataclass(frozen=True)
+class DodgeParameters:
+    samples: int = 48  # Samples of a dodge
+    # Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn
+    path_pieces: tuple[int, ...] = (4, 8, 16)
+    exact_within: float = 0.1  # Units of length. Distances to outlines beyond this need not be exact
+    together: int = 16_000  # Samples of dodges, times zones, whose distances are computed together
+    path_degree: int = 3
+
+
+DODGES = DodgeParameters()
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
-_PATH_DEGREE = 3
 
 
 @dataclass(frozen=True)
@@ -92,8 +87,8 @@ class Family:
         """Return the dodges of a vehicle."""
         fastest = profiles.fastest
         tightest = np.maximum(
-            radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
-            fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
+            radius if np.isinf(limits.curvature) else 1.0 / (COURSES.limit_share * limits.curvature),
+            fastest**2 / (COURSES.limit_share * limits.lateral_acceleration),
         )
         # Of a course that does not turn any length will do.
         length = np.maximum(courses.bend.peak * np.abs(courses.turn)[:, None], 1e-3) * tightest
@@ -140,14 +135,14 @@ class Family:
         drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
         far = max(driven * (1.0 + 1e-6), 1e-2)
         guide: Guide = StraightGuide(far)
-        pieces = PATH_PIECES[0]
+        pieces = DODGES.path_pieces[0]
         if turn != 0.0:
             wanted = 4.0 * far / (length * CELLS_PER_SPAN)
-            pieces = next((count for count in PATH_PIECES if count >= wanted), PATH_PIECES[-1])
+            pieces = next((count for count in DODGES.path_pieces if count >= wanted), DODGES.path_pieces[-1])
             stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
             along = np.maximum(stations - self.lead[course, profile], 0.0)
             guide = CurvedGuide(far, turn * self.courses.bend.turned(along / length))
-        space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
+        space = TripSpace(guide, drive.start_speed, DODGES.path_degree, pieces, drive.degree, drive.breakpoints)
         trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
         return Trip(
             PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
@@ -179,7 +174,7 @@ class Dodges:
         """Return the dodges of a vehicle."""
         families: tuple[Family, ...]
         if heading is None:
-            late, turning_at = profiles.last(BENT_PROFILES), BEND_TIME * 2.0 * radius / limits.speed
+            late, turning_at = profiles.last(COURSES.bent_profiles), COURSES.bend_time * 2.0 * radius / limits.speed
             families = (
                 Family.of(Courses.straight(ahead), profiles, limits, radius, 0.0),
                 Family.of(Courses.bent(ahead), late, limits, radius, turning_at),
@@ -187,7 +182,7 @@ class Dodges:
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
             families = tuple(Family.of(Courses.turning(each, bend), profiles, limits, radius, 0.0) for each in ways)
-        return cls.sampled(families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), TIMES_LOOKED_AT))
+        return cls.sampled(families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), DODGES.samples))
 
     @classmethod
     def sampled(cls, families: tuple[Family, ...], wait: float, times: Array) -> Dodges:
@@ -242,7 +237,7 @@ class Dodges:
             for parts, outlined in zip(found, shaped, strict=True):
                 if len(others):
                     times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                    away = outlined.distances(times, points, EXACT_WITHIN)
+                    away = outlined.distances(times, points, DODGES.exact_within)
                     parts.append(away.T.reshape(-1, *self.heading.shape))
                 if len(border):
                     parts.append(box.room(place)[None])
@@ -295,8 +290,8 @@ class Dodges:
         if batch.size == 0:
             return np.zeros(0, dtype=np.intp)
         here = np.zeros((len(self.times), 2))
-        away = batch.distances(self.times, here, EXACT_WITHIN)
-        longest = max(map(abs, vehicle.discs)) + EXACT_WITHIN
+        away = batch.distances(self.times, here, DODGES.exact_within)
+        longest = max(map(abs, vehicle.discs)) + DODGES.exact_within
         reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
 
@@ -308,6 +303,6 @@ def _of_size(batch: ZoneBatch, size: Size) -> ZoneBatch:
 
 def in_parts(count: int, size: int) -> Iterator[slice]:
     """Slices of so many zones, each of so many samples, that are looked at together."""
-    together = max(TOGETHER // max(size, 1), 1)
+    together = max(DODGES.together // max(size, 1), 1)
     for first in range(0, count, together):
         yield slice(first, min(first + together, count))

@@ -11,37 +11,37 @@ from scp_planner.arrays import Array, Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
-from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.dodge_courses import COURSES, GRADUAL, PROMPT, DodgeProfiles, Profiles
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
 from scp_planner.online.dodges import BORDER, Dodges
-from scp_planner.online.expected_harm import CREEPING_HARM, STANDING_HARM, harms_of_dodges, harms_of_trips
+from scp_planner.online.expected_harm import HARM, harms_of_dodges, harms_of_trips
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.ramped_profiles import RampedProfiles
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
 
-PACE_KEPT = 0.9
-"""Share of the last pace that is kept, if the next look is faster."""
-HARM_TAKES = 3.0
-"""Looks that finding the expected harm takes as long as."""
-STEADY = 0.75
-"""Share of the expected harm of the trip under way that another may have at most, for the vehicle to change over..."""
-EVEN = 0.02
-"""...and harm that makes no difference: of those that differ by no more, the one that is worth most is driven."""
-HURRIED = 1_000_000
-"""Samples of dodges, times zones, that are looked at where there is no time left..."""
-LOOKED_AT = 20_000_000
-"""...and at most."""
-TRIED = 4
-"""Dodges that are certified in one replan, at most."""
-BETTER = 0.1
-"""Widths of way by which a dodge must do better for the vehicle to leave a trip."""
-ALIKE = 0.1
-"""Widths of way by which a dodge must do better than the one that is being driven for the vehicle to change over."""
-_SHARES = np.linspace(0.0, 1.0, SPANS + 1)
+
+@dataclass(frozen=True)
+class EvasionParameters:
+    pace_kept: float = 0.9  # Share of the last pace that is kept, if the next evaluation is faster
+    harm_takes: float = 3.0  # Evaluations of all manoeuvres that finding the expected harm takes as long as
+    # Share of the expected harm of the trip under way that another may have at most, for the vehicle to change over
+    steady: float = 0.75
+    # Harm that makes no difference: of those that differ by no more, the one that is worth most is driven
+    even: float = 0.02
+    hurried: int = 1_000_000  # Samples of manoeuvres, times zones, that are evaluated where there is no time left
+    most_samples: int = 20_000_000  # Samples of manoeuvres, times zones, that are evaluated at most
+    tried: int = 4  # Manoeuvres that are certified in one replan, at most
+    better: float = 0.1  # Widths of way by which a manoeuvre must do better for the vehicle to leave a trip
+    # Widths of way by which a manoeuvre must do better than the one under way for the vehicle to change over
+    alike: float = 0.1
+
+
+EVASION = EvasionParameters()
+_SHARES = np.linspace(0.0, 1.0, COURSES.spans + 1)
 
 
 @dataclass(frozen=True)
@@ -103,26 +103,27 @@ class Evasion:
 
     def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
         """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops."""
-        view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
-        times, standing = view.dodges.times, STANDING_HARM
+        view = self._with_time_for(now, EVASION.harm_takes)
+        moment, confidence = now.moment, self._means.given.confidence
+        times, standing = view.dodges.times, HARM.standing
         if not self._means.gives_way_late:
-            standing = CREEPING_HARM
+            standing = HARM.creeping
         harms = harms_of_trips(moment, [each.trip for each in others], times, confidence, standing)
         of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence, standing)
         now.lap("evasion")
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         goes_on = bool(others) and now.last is not None and others[0].trip is now.last.trip
-        if goes_on and STEADY * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVEN:
+        if goes_on and EVASION.steady * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
-        most = min(harms.min(initial=np.inf), of_dodges.min()) + EVEN
+        most = min(harms.min(initial=np.inf), of_dodges.min()) + EVASION.even
         even = [each for each, harm in zip(others, harms.tolist(), strict=True) if harm <= most]
         if even:
             return even[0] if len(even) == 1 else max(even, key=lambda each: float(self._seen_of(now, each).worth[0]))
         good = of_dodges <= most
-        if moment.state.speed <= STANDING:
+        if moment.state.speed <= STOPS.standing:
             # Who stands goes on with that, too.
             still = view.dodges.until <= view.dodges.wait
-            stays = still & ((STEADY * of_dodges <= of_dodges.min()) | good)
+            stays = still & ((EVASION.steady * of_dodges <= of_dodges.min()) | good)
             good = stays if stays.any() else good
         number = int(np.where(good, view.seen.worth, -np.inf).argmax())
         return self._made(moment, view.dodges, view.seen, number)
@@ -150,7 +151,7 @@ class Evasion:
         if view.begun is None or view.going_on is None or np.isfinite(view.going_on.clear[0]):
             return None
         best = view.seen.worth.max(where=np.isinf(view.seen.clear), initial=-np.inf)
-        if view.going_on.worth[0] <= max(best - ALIKE * 2.0 * now.moment.scenario.vehicle.radius, least):
+        if view.going_on.worth[0] <= max(best - EVASION.alike * 2.0 * now.moment.scenario.vehicle.radius, least):
             return None
         found = self._gone_on_with(now.moment, view.going_on, view.begun)
         now.lap("certificate")
@@ -171,7 +172,7 @@ class Evasion:
         """A certified dodge that does clearly better than going on with a trip; None if there is none."""
         moment, view = now.moment, self._looked(now)
         seen, least = view.seen, self.outlooks.worth_of(moment, trip, view.dodges.times)
-        least += BETTER * 2.0 * moment.scenario.vehicle.radius
+        least += EVASION.better * 2.0 * moment.scenario.vehicle.radius
         now.lap("evasion")
         before = self._still_good(now, least)
         if before is not None:
@@ -185,7 +186,7 @@ class Evasion:
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: Outlook, worth: Array) -> Dodge | None:
         """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
-        for number in clear[np.argsort(-worth[clear], kind="stable")][:TRIED].tolist():
+        for number in clear[np.argsort(-worth[clear], kind="stable")][: EVASION.tried].tolist():
             found = self._made(moment, dodges, seen, number)
             now.lap("certificate")
             if found.safe:
@@ -200,8 +201,8 @@ class Evasion:
             self.outlooks.note(moment)
             dodges, begun = self._dodges(moment), self.begun(now)
             near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
-            dodges = dodges.few(len(near), LOOKED_AT)
-            few = dodges.few(moment.batch.size, HURRIED)
+            dodges = dodges.few(len(near), EVASION.most_samples)
+            few = dodges.few(moment.batch.size, EVASION.hurried)
             going_on = None if begun is None else self.outlooks.of_stop(moment, begun, dodges.times)
             every = len(dodges.position) * len(near)
             pace_is_known = self._each > 0.0 or not np.isfinite(now.deadline)
@@ -218,14 +219,14 @@ class Evasion:
         begin, pairs = now.clock, len(dodges.position) * len(near)
         seen = self.outlooks.of(now.moment, dodges, near)
         now.lap("evasion")
-        if pairs * len(dodges.times) > HURRIED // 2:  # else most of the time goes elsewhere
-            self._each = max(PACE_KEPT * self._each, (now.clock - begin) / pairs)
+        if pairs * len(dodges.times) > EVASION.hurried // 2:  # else most of the time goes elsewhere
+            self._each = max(EVASION.pace_kept * self._each, (now.clock - begin) / pairs)
         return seen
 
     def _with_time_for(self, now: Replan, looks: float) -> _SeenDodges:
         view = self._looked(now)
         if not view.hurried and now.late_after(looks * self._each * view.pairs):
-            few = view.dodges.few(now.moment.batch.size, HURRIED)
+            few = view.dodges.few(now.moment.batch.size, EVASION.hurried)
             if few is not view.dodges:
                 seen = self._seen(now, few, view.near)
                 view = self._view = replace(view, dodges=few, seen=seen, hurried=True)
@@ -265,7 +266,7 @@ class Evasion:
             float(seen.least[number].min()),
             self._blocked_by(moment, seen, number),
             self._threat(moment, seen, number),
-            bool(speeds.max() > STANDING),
+            bool(speeds.max() > STOPS.standing),
             bool(seen.then[number] < seen.now[number]),
         )
 

@@ -4,35 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
 
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale
-from scp_planner.online.dodge_worth import EXACT, FADING, a_moment
+from scp_planner.online.dodge_worth import WORTH, a_moment
 from scp_planner.online.dodges import WHOLE, Dodges, Size, in_parts
 from scp_planner.online.foresight import foreseen
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
+from scp_planner.online.tolerances import LENGTH
 from scp_planner.online.vetting import Moment
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Confidence, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.trip import Trip
 
-PART = 0.1
-"""Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach."""
-STANDING_HARM, CREEPING_HARM = 0.5, 0.75
-"""Cost of a contact while the vehicle stands, or creeps, relative to one at its top speed. Where it gives way early,
-among people who do not look, it is no better to stand than to creep."""
-SETTING_OFF = 0.4
-"""Share of how much less it counts to stand than to creep, that it counts besides to drive while it is touched."""
-GROWS = 0.5
-"""Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it."""
-FAR = 9.0
-"""Deviations of a gap, beyond which a touch is so improbable that no sum with anything probable shows it."""
-LEAST_DEVIATION = 1e-9
-"""Units of length. What is known better than this is known."""
+
+@dataclass(frozen=True)
+class HarmParameters:
+    # Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach
+    part: float = 0.1
+    standing: float = 0.5  # Cost of a contact while the vehicle stands, relative to one at its top speed
+    # Cost of a contact while it creeps, relative to one at its top speed. Where it gives way early, among people who do
+    # not look, it is no better to stand than to creep
+    creeping: float = 0.75
+    # Share of how much less it counts to stand than to creep, that it counts besides to drive while it is touched
+    setting_off: float = 0.4
+    # Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it
+    growing: float = 0.5
+    # Deviations of a gap, beyond which a touch is so improbable that no sum with anything probable shows it
+    far: float = 9.0
+
+
+HARM = HarmParameters()
 
 
 def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float) -> Array:
@@ -43,7 +50,7 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
     weights = _weights(dodges.times, dodges.position, vehicle, standing)
     scale = _deviations(confidence, whole)
     for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
-        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(PART)))
+        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
         spared *= _spared(each.each, less.each, scale, weights)
     return 1.0 - spared
 
@@ -57,10 +64,10 @@ def harms_of_trips(
     vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
     for trip, put in zip(trips, place, strict=True):
         put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
-    clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), EXACT * 2.0 * vehicle.radius
+    clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), WORTH.exact_widths * 2.0 * vehicle.radius
     whole, less = (
         _grown(one.batch, vehicle).distances(clock, points, exact).T.reshape(-1, *place.shape[:2])
-        for one in (moment, moment.with_smaller_zones(PART))
+        for one in (moment, moment.with_smaller_zones(HARM.part))
     )
     weights = _weights(times, place, vehicle, standing)
     return 1.0 - _spared(whole, less, _deviations(confidence, moment.batch), weights)
@@ -68,7 +75,7 @@ def harms_of_trips(
 
 def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
     """Zones that grow for the same while, whatever the vehicle does."""
-    return foreseen(batch, GROWS * a_moment(vehicle), {})
+    return foreseen(batch, HARM.growing * a_moment(vehicle), {})
 
 
 def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
@@ -79,23 +86,23 @@ def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
 def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float) -> tuple[Array, Array, Array]:
     speed = np.zeros(place.shape[:2])
     speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
-    drives = CREEPING_HARM + (1.0 - CREEPING_HARM) * np.minimum(speed / vehicle.max_speed, 1.0)
-    counts: Array = np.where(speed > STANDING, drives, standing)
-    fading: Array = 1.0 / (1.0 + FADING * times / a_moment(vehicle))  # there will be replans until then
-    sets_off: Array = np.where(speed[:, 0] > STANDING, SETTING_OFF * (CREEPING_HARM - standing), 0.0)
+    drives = HARM.creeping + (1.0 - HARM.creeping) * np.minimum(speed / vehicle.max_speed, 1.0)
+    counts: Array = np.where(speed > STOPS.standing, drives, standing)
+    fading: Array = 1.0 / (1.0 + WORTH.fading * times / a_moment(vehicle))  # there will be replans until then
+    sets_off: Array = np.where(speed[:, 0] > STOPS.standing, HARM.setting_off * (HARM.creeping - standing), 0.0)
     return counts, fading, sets_off
 
 
 def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array, Array]) -> Array:
-    """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of `PART` of the size, m."""
+    """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of a part of the size, m."""
     extent = less - whole
     np.maximum(extent, 0.0, out=extent)
-    extent /= 1.0 - PART
+    extent /= 1.0 - HARM.part
     gap = whole + extent
     extent /= scale
-    np.maximum(extent, LEAST_DEVIATION, out=extent)
+    np.maximum(extent, LENGTH, out=extent)
     away = np.divide(gap, extent, out=extent)
-    near = away < FAR
+    near = away < HARM.far
     touched = np.zeros(gap.shape)
     touched[near] = ndtr(-away[near])
     counts, fading, sets_off = weights

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -15,21 +15,28 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.renewal import Renewal
-from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Refusal, Stop, Vetted
+from scp_planner.online.stops import STOPS, fits
+from scp_planner.online.tolerances import TIME
+from scp_planner.online.vetting import Refusal, Stop, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-PARTS = (1.0, 0.75, 0.5, 0.25)
-"""Shares of the time in which samples of a dodge are clear, for which it is tried to certify it."""
+
+@dataclass(frozen=True)
+class FallbackParameters:
+    # Shares of the time in which samples of a dodge are clear, for which it is tried to certify it
+    parts: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
+    # Shares of the planned acceleration that are tried to repair a plan; the rest is braking
+    easings: tuple[float, ...] = (0.4, 0.0)
+    # Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower
+    deep: float = 2.0
+    # Radii by which every stop is inside of zones from a trip that is driven slower, that is not driven still slower
+    hopeless: float = 1.0
+
+
+FALLBACK = FallbackParameters()
 NO_TIME = "no search for routes in this replan"
-EASINGS = (0.4, 0.0)
-"""Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
-DEEP = 2.0
-"""Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower..."""
-HOPELESS = 1.0
-"""...and from one that is driven slower, that is not driven still slower."""
 
 
 class Fallback:
@@ -54,7 +61,7 @@ class Fallback:
                 kept = self._means.vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
                 if kept is not None:
                     return self._means.plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
-        deep = -np.inf < refusal.room < -DEEP * moment.scenario.vehicle.radius
+        deep = -np.inf < refusal.room < -FALLBACK.deep * moment.scenario.vehicle.radius
         if last is not None and fresh.ahead is not None and not deep:
             repaired = self._repair(now, fresh.problem, fresh.ahead)
             if repaired is not None:
@@ -105,7 +112,7 @@ class Fallback:
 
     def _least_harmful(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
         begun, others = self._evasion.begun(now), self._goes_on(now)
-        for trip in () if now.moment.state.speed <= STANDING else self._stops(now, fresh):
+        for trip in () if now.moment.state.speed <= STOPS.standing else self._stops(now, fresh):
             stop = Stop(trip, trip.frame.time)
             if stop.stands > now.moment.state.time:
                 others.append(stop)
@@ -154,7 +161,7 @@ class Fallback:
         if moment.state.acceleration is None or last is None or last.stop is None:
             return None
         stop = Stop(last.stop, last.branch_time)
-        begun = moment.state.time > stop.branch + TINY_TIME
+        begun = moment.state.time > stop.branch + TIME
         if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
             return None
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
@@ -164,7 +171,7 @@ class Fallback:
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
-        for share in EASINGS:
+        for share in FALLBACK.easings:
             if perf_counter() > now.deadline:
                 return None
             beta = eased(problem, ahead, share)
@@ -175,7 +182,7 @@ class Fallback:
             vetted = self._means.vet(now, problem, trial, branch=np.inf)
             if isinstance(vetted, Vetted):
                 return vetted
-            if -np.inf < vetted.room < -HOPELESS * now.moment.scenario.vehicle.radius:
+            if -np.inf < vetted.room < -FALLBACK.hopeless * now.moment.scenario.vehicle.radius:
                 return None
         return None
 
@@ -184,7 +191,7 @@ class Fallback:
         whom = dodge.threat or "the border"
         stop = Stop(dodge.trip, dodge.trip.frame.time)
         if 0.0 < dodge.clear < np.inf:
-            for share in PARTS:
+            for share in FALLBACK.parts:
                 if now.late:
                     break
                 until = begin + share * dodge.clear
@@ -203,7 +210,7 @@ class Fallback:
         last = now.last
         if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
             # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
-            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY_TIME:
+            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TIME:
                 yield last.stop
         if fresh.ahead is not None:
             along = self._means.braking.stop_now(fresh.ahead.path, moment.state)

@@ -11,13 +11,11 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.online.braking import braking_of
 from scp_planner.online.remaining import State
+from scp_planner.online.tolerances import OFF
 from scp_planner.scenario.models import Vehicle
 from scp_planner.scenario.scale import TOP_SPEED
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.trips.trip import Trip
-
-NOTHING = 1e-6
-"""Units of length, speed and rad."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +68,10 @@ class Following:
         stopping = braking_of(self.vehicle).time(top)
         if self.speed is None:
             apart += stopping * off.speed
-        elif off.speed > self.speed + NOTHING:
+        elif off.speed > self.speed + OFF:
             return False
         if self.heading is None:
             apart += 0.5 * stopping * top * off.heading
-        elif off.heading > self.heading + NOTHING:
+        elif off.heading > self.heading + OFF:
             return False
-        return apart <= self.largest + NOTHING
+        return apart <= self.largest + OFF

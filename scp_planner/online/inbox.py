@@ -21,11 +21,15 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import HORIZON
 
-MOST_NOTES = 100
-MOST_GONE = 100_000
-"""Obstacles that have gone, of which it is kept how they were added: the last ones."""
-MOST_NAMED = 5
-"""Obstacles named in one note."""
+
+@dataclass(frozen=True)
+class InboxParameters:
+    most_notes: int = 100  # Notes that are kept: the last ones
+    most_gone: int = 100_000  # Obstacles that have gone, of which it is kept how they were added: the last ones
+    most_named: int = 5  # Obstacles named in one note
+
+
+INBOX = InboxParameters()
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ class Inbox:
     def __init__(
         self, obstacles: ObstacleTracks, units: NaturalUnits, start: float, online: SceneOnlineSettings
     ) -> None:
-        self.obstacles, self.notes = obstacles, deque[str](maxlen=MOST_NOTES)
+        self.obstacles, self.notes = obstacles, deque[str](maxlen=INBOX.most_notes)
         self.work = Lock()
         self.gone: dict[str, Gone] = {}
         self.stamps: Stamps[Sighting | Update] = Stamps(start, online.period)
@@ -167,7 +171,7 @@ class Inbox:
         leading = self.stamps.leading()
         if not leading:
             return
-        names, more = ", ".join(list(leading)[:MOST_NAMED]), len(leading) - MOST_NAMED
+        names, more = ", ".join(list(leading)[: INBOX.most_named]), len(leading) - INBOX.most_named
         others = f" and {more} others" if more > 0 else ""
         ahead = sum(leading.values()) / len(leading) * self._units.time
         yield (
@@ -214,7 +218,7 @@ class Inbox:
         """Remove an obstacle and what is held back of it; what is seen of it after a time, s, brings it back."""
         track = self.obstacles.tracks[name]
         self.gone[name] = Gone(time, track.shape, track.model, track.margin - self.obstacles.margin, track.covariance)
-        if len(self.gone) > MOST_GONE:
+        if len(self.gone) > INBOX.most_gone:
             del self.gone[next(iter(self.gone))]
         self.obstacles.remove(name)
         self.stamps.forget(name)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
 
-from scp_planner.online.means import LOOK_GAIN_TIME, Means, Replan
+from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.remaining import remaining_trip
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
@@ -20,33 +20,38 @@ from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import BRANCHES
 from scp_planner.trips.trip import Trip
 
-VIOLATION_COST = 5.0
-"""Units of time to one of length. What the entry into a foreseen zone counts, in comparing ways."""
-NEARLY_CLEAR = 5e-3
-"""Units of length. Another way that enters foreseen zones, which change with each observation, by less than this may be
-driven."""
-LOOK_TRUST = TrustRegion(theta=0.7, beta=2.0, rho=0.2)
-LOOK_GAIN = 0.02
-"""Another way round must be faster by this share, and by `LOOK_GAIN_TIME`, for the vehicle to change over."""
-LOOK_SOONER = 2
-"""Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
-FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
-"""Seconds of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
-PART = 3
-"""Branches of a way that are searched for in one replan."""
-LOOK_RUNS = 2
-"""Ways that are looked at in turn while there is a plan."""
-FEWEST_LOOK_STEPS = 2
-"""Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
-SPARED, SPARED_FALLING_BACK = 1, 2
-"""Steps fewer of a look are taken in a replan while there is a plan to drive, or a dodge or a stop, which is looked at
-in the same replan."""
-GRIDS = (Fineness(), Fineness(stations=0.45), Fineness(stations=0.225))
-"""Grids of the search for ways: after one that was cut off, the next look takes the next..."""
-IN_GOOD_TIME = 1.0 / 3.0
-"""...and back to a finer one after a search that has found a way in less than this share of the time that it had."""
-HOPELESS = 0.05
-"""Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun."""
+
+@dataclass(frozen=True)
+class LookParameters:
+    # Units of time to one of length. What the entry into a foreseen zone counts, in comparing ways
+    violation_cost: float = 5.0
+    # Units of length. Another way that enters foreseen zones, which change with each observation, by less than this may
+    # be driven
+    nearly_clear: float = 5e-3
+    # Of the run that goes on with a route from the last replan
+    trust: TrustRegion = field(default=TrustRegion(theta=0.7, beta=2.0, rho=0.2))
+    # Share by which another route must be faster, besides `ReplanParameters.route_gain`, for the vehicle to change over
+    gain: float = 0.02
+    # Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often
+    sooner: int = 2
+    first_time: float = 0.02  # s of wall time, that a search is expected to take before one has been timed
+    time_decay: float = 0.8  # How soon that is forgotten: its factor from one search to the next
+    part: int = 3  # Branches of a way that are searched for in one replan
+    runs: int = 2  # Ways that are looked at in turn while there is a plan
+    # Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way
+    fewest_steps: int = 2
+    spared: int = 1  # Steps fewer are taken in a replan while there is a plan to drive
+    # Steps fewer while there is an evasive manoeuvre or a stop, which is evaluated in the same replan
+    spared_falling_back: int = 2
+    # Of the search for routes: after one that was cut off, the next one is on the next grid
+    grids: tuple[Fineness, ...] = field(default=(Fineness(), Fineness(stations=0.45), Fineness(stations=0.225)))
+    # Share of the time of a search: one that has found a route in less is followed by one on a finer grid
+    in_good_time: float = 1.0 / 3.0
+    # Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun
+    hopeless: float = 0.05
+
+
+LOOKS = LookParameters()
 
 
 @dataclass
@@ -83,11 +88,11 @@ class Looks:
 
     def __init__(self, means: Means) -> None:
         self._means = means
-        self._look_time = FIRST_LOOK_TIME
+        self._look_time = LOOKS.first_time
         self._look: Look | None = None
         self._looked = 0
         self._deadline = math.inf  # of the replan that is under way
-        self._grid = 0  # which of `GRIDS` the next search is on
+        self._grid = 0  # number of the grid that the next search is on
 
     @property
     def under_way(self) -> bool:
@@ -98,7 +103,8 @@ class Looks:
         """True if there is to be a look at other ways in this replan: at once where there is nothing to drive."""
         if now.last is None:
             return True  # a plan is worth waiting for only where there is none at all
-        every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
+        clear = best is None or best.violation <= LOOKS.nearly_clear
+        every = self._means.online.look_every // (1 if clear else LOOKS.sooner)
         if best is not None:
             if self._look is None and now.cycle - self._looked < every:
                 return False
@@ -108,7 +114,7 @@ class Looks:
         # A search for ways that is broken off has found nothing.
         in_time = perf_counter() + self._look_time < now.deadline
         if not in_time:
-            self._look_time *= LOOK_TIME_DECAY
+            self._look_time *= LOOKS.time_decay
         return in_time
 
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
@@ -116,26 +122,27 @@ class Looks:
         began, problem, first = perf_counter(), loop.problem, now.last is None
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
-            runs = self._means.online.first_runs if best is None else LOOK_RUNS
+            runs = self._means.online.first_runs if best is None else LOOKS.runs
             self._look = look = Look(runs, cutoff)
+            part = BRANCHES if first else LOOKS.part
             look.starts = self._means.starts(
-                problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid], BRANCHES if first else PART
+                problem, lambda: look.cutoff, lambda: self._deadline, LOOKS.grids[self._grid], part
             )
         look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
-        tolerance = FEASIBILITY if strict else NEARLY_CLEAR
+        tolerance = FEASIBILITY if strict else LOOKS.nearly_clear
         found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
-        if first or look.over or (found is not None and found.violation <= NEARLY_CLEAR):
+        if first or look.over or (found is not None and found.violation <= LOOKS.nearly_clear):
             self._look = None
         if not first:
-            self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
+            self._look_time = max(LOOKS.time_decay * self._look_time, perf_counter() - began)
         return found, said
 
     def _spared(self, now: Replan, any_will_do: bool) -> int:
         if not any_will_do:
-            return SPARED
-        return SPARED_FALLING_BACK if self._means.gives_way_late and now.last is not None and now.last.safe else 0
+            return LOOKS.spared
+        return LOOKS.spared_falling_back if self._means.gives_way_late and now.last is not None and now.last.safe else 0
 
     def _try_ways(
         self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
@@ -154,7 +161,7 @@ class Looks:
             run = self._go_on(now, loop, look, min(left, most - look.steps), cutoff)
             evaluation, left = run.evaluation, left - max(len(run.record), 1)
             clear = evaluation.worst_violation <= tolerance
-            faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
+            faster = evaluation.trajectory.travel_time + LOOKS.violation_cost * evaluation.worst_violation < cutoff
             ended = run.status not in (LoopStatus.ITERATION_LIMIT, LoopStatus.TIME_LIMIT) or look.steps >= most
             hopeful = (
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
@@ -181,8 +188,8 @@ class Looks:
         more = look.begin_next()
         now.lap("search")
         if now.late:
-            self._grid = min(self._grid + 1, len(GRIDS) - 1)
-        elif not any_way and now.clock - began < IN_GOOD_TIME * (now.deadline - began):
+            self._grid = min(self._grid + 1, len(LOOKS.grids) - 1)
+        elif not any_way and now.clock - began < LOOKS.in_good_time * (now.deadline - began):
             self._grid = max(self._grid - 1, 0)
         if not more:
             self._look = None
@@ -195,8 +202,8 @@ class Looks:
         start, trust = look.trip.trajectory, LOOP.first_trust
         if look.trip.frame != loop.problem.frame:
             start = remaining_trip(loop.problem, look.trip, now.moment.state)
-            trust = LOOK_TRUST if look.steps else LOOP.first_trust
-        enough = None if now.last is None else FEWEST_LOOK_STEPS
+            trust = LOOKS.trust if look.steps else LOOP.first_trust
+        enough = None if now.last is None else LOOKS.fewest_steps
         run = loop.run(start, most, cutoff, now.deadline, trust, enough)
         now.lap("scp")
         look.trip, look.steps = (
@@ -208,10 +215,10 @@ class Looks:
     @staticmethod
     def _is_hopeful(now: Replan, evaluation: Evaluation) -> bool:
         """True if a way that is not clear may become so: others move on, limits do not."""
-        return now.moment.state.speed > STANDING and evaluation.limit_violation <= HOPELESS
+        return now.moment.state.speed > STOPS.standing and evaluation.limit_violation <= LOOKS.hopeless
 
 
 def _cutoff(now: Replan, best: Vetted) -> float:
     """In how many units of time another way must reach the goal to be worth changing over to."""
-    tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
-    return tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+    tau = best.arrival - now.moment.state.time + LOOKS.violation_cost * best.violation
+    return tau - max(LOOKS.gain * tau, REPLAN.route_gain)

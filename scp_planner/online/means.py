@@ -16,8 +16,8 @@ from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from
-from scp_planner.online.stops import STANDING
-from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.online.stops import STOPS
+from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
@@ -35,19 +35,26 @@ from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-LOOK_GAIN_TIME = 0.1
-"""Units of time by which another way round must be faster for the vehicle to change over."""
-SPARE_WIDTHS = 0.15
-"""Widths of the vehicle, by which trips keep farther away than they must where it gives way early."""
-ROOM_DEVIATIONS = 1.0
-"""Deviations of what is seen, by which trips keep farther away from who may change its motion, unnoticed yet."""
-CLEAR_WIDTHS = 4.0
-"""Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set: who
-comes nearer by then hits it."""
 
-SOON = (0.125, 0.25, 0.5)
-"""Share of the first span in which the slope of an acceleration that does not jump may change besides, as when
-brakes are released."""
+@dataclass(frozen=True)
+class ReplanParameters:
+    route_gain: float = 0.1  # Units of time by which another way round must be faster for the vehicle to change over
+    # Widths of the vehicle, by which trips keep farther away than they must where it gives way early
+    spare_widths: float = 0.15
+    # Deviations of what is seen, by which trips keep farther away from who may change its motion, unnoticed yet
+    room_deviations: float = 1.0
+    # Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set:
+    # who comes nearer by then hits it
+    clear_widths: float = 4.0
+    # Share of the first span in which the slope of an acceleration that does not jump may change besides, as when
+    # brakes are released
+    soon: tuple[float, ...] = (0.125, 0.25, 0.5)
+    # Share of a deadline that is kept back at most for replans that took longer than theirs
+    most_kept_back: float = 0.5
+    overrun_kept: float = 0.8  # Share of that which is still kept back at each replan after it
+
+
+REPLAN = ReplanParameters()
 
 
 @dataclass
@@ -93,7 +100,7 @@ class Means:
         self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
         # Headings are those of driving: the middle is on the other side while the front is behind
         self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre})
-        getting_away = time_from_a_stand(given.vehicle, CLEAR_WIDTHS * 2.0 * given.vehicle.radius)
+        getting_away = time_from_a_stand(given.vehicle, REPLAN.clear_widths * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
@@ -104,8 +111,8 @@ class Means:
         self.spare = settings.clearance_margin + following.room
         self.gives_way_late = online.give_way is GiveWay.LATE
         if not self.gives_way_late:
-            self.spare += SPARE_WIDTHS * 2.0 * given.vehicle.radius
-        self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT
+            self.spare += REPLAN.spare_widths * 2.0 * given.vehicle.radius
+        self._foresight = online.period + online.reaction_time + stopping + 0.5 * VETTING.commitment
         if online.foresight is not None:
             self._foresight = online.foresight
 
@@ -152,7 +159,7 @@ class Means:
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
 
     def roomy(self, problem: Problem, share: float = 1.0) -> Problem | None:
-        room = share * ROOM_DEVIATIONS * self.obstacles.noise_deviations(problem.zones.ids)
+        room = share * REPLAN.room_deviations * self.obstacles.noise_deviations(problem.zones.ids)
         return problem.among(problem.zones.inflated(room)) if room.any() else None
 
     def vet(
@@ -184,7 +191,7 @@ class Means:
         """Give trips along the ways to the goal that may be faster than a cutoff, s."""
         any_way = False
         search = WaySearch(problem, fineness=fineness, deadline=deadline())
-        for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME, part):
+        for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part):
             any_way = True
             yield None if way is None else Trip(problem.frame, trip_along(problem, way))
             search.go_on_until(deadline())
@@ -196,7 +203,7 @@ class Means:
         """Return the plan to stop straight ahead from the reported state, or to stand there."""
         moment, state = now.moment, now.moment.state
         trip = straight_stop(state, braking, self.settings, self.breakpoints)
-        stop, does = Stop(trip, trip.frame.time), "stands" if state.speed <= STANDING else "comes to a stop"
+        stop, does = Stop(trip, trip.frame.time), "stands" if state.speed <= STOPS.standing else "comes to a stop"
         certificate = self.vetting.certify_stop(moment, stop, None)
         return self.plan_of(
             Vetted(trip, certificate, stop if certificate.holds else None),
@@ -233,5 +240,5 @@ def _breakpoints(spans: int, ramped: bool) -> tuple[float, ...]:
     """Breakpoints of the acceleration of all trips, in normalised time."""
     breaks = np.linspace(0.0, 1.0, spans + 1)
     if ramped:
-        breaks = np.insert(breaks, 1, np.array(SOON) * breaks[1])
+        breaks = np.insert(breaks, 1, np.array(REPLAN.soon) * breaks[1])
     return tuple(float(b) for b in breaks)

@@ -12,10 +12,16 @@ from scp_planner.online.slot_states import SlotStates, if_alike
 from scp_planner.online.waves import Swings
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
-JERKS = (0.03, 0.3, 3.0)
-"""Intensities of the filters with white jerk, as multiples of that of newcomers; the least free first."""
-SWERVES = (0.03, 0.1, 0.3, 1.0)
-"""Intensities of the filters with white acceleration, as multiples of that of newcomers."""
+
+@dataclass(frozen=True)
+class FilterParameters:
+    # Intensities of the filters with white jerk, as multiples of that of newcomers; the least free first
+    jerks: tuple[float, ...] = (0.03, 0.3, 3.0)
+    # Intensities of the filters with white acceleration, as multiples of that of newcomers
+    swerves: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0)
+
+
+FILTERS = FilterParameters()
 
 
 @dataclass(frozen=True)
@@ -33,9 +39,9 @@ class FilterModels:
         return (
             *(
                 RandomWalkAcceleration(diffusion=ratio * jerk, acceleration_deviation=self.acceleration_deviation)
-                for ratio in JERKS
+                for ratio in FILTERS.jerks
             ),
-            *(RandomWalkVelocity(diffusion=ratio * swerve) for ratio in SWERVES),
+            *(RandomWalkVelocity(diffusion=ratio * swerve) for ratio in FILTERS.swerves),
         )
 
     @cached_property

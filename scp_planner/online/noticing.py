@@ -13,22 +13,25 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array, Index, Mask, Reals
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
-from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
+from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of, windows_of
 from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.online.suspicions import Sightings
+from scp_planner.online.tolerances import PROBABILITY
 from scp_planner.online.waves import SwingStates
 from scp_planner.settings.online import RARE
 
-CALM = 3.0
-"""Log odds from which on, with `EVIDENCE` observations since an alarm, it was a false one."""
-EVIDENCE = 32
-"""Newest observations by whose probability the filters are compared."""
-LITTLE = 1e-3
-"""Weight that those who weave must have together to count: zones of what swings are of more pieces than others."""
-UNSURE = 1e-9
-"""Probability before anything is known, but for rounding."""
-_RING = WINDOWS[-1]
+
+@dataclass(frozen=True)
+class NoticingParameters:
+    calm: float = 3.0  # Log odds from which on, with as much evidence since an alarm, it was a false one
+    evidence: int = 32  # Newest observations by whose probability the filters are compared
+    # Weight that those who weave must have together to count: zones of what swings are of more pieces than others
+    little: float = 1e-3
+
+
+NOTICING = NoticingParameters()
+_RING = INNOVATIONS.windows[-1]
 _LAST = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks", "_whiten")
 """Arrays (..., K)."""
 
@@ -60,7 +63,7 @@ class Bank:
         # NUMPY-CALLS: of filters it is only asked whether they hold, for which half of the digits will do
         self._filters_cut = np.zeros((3, levels, 2 * _RING, 0), dtype=np.float32)
         self._looks = np.zeros((3, 2 * _RING, 0))  # times and positions
-        self._evidence = np.zeros((1 + levels, EVIDENCE, 0))
+        self._evidence = np.zeros((1 + levels, NOTICING.evidence, 0))
         self._since = np.zeros(0, dtype=np.intp)  # observations since an alarm
         self._free: list[int] = []
         self.foretold = Foretold()
@@ -162,7 +165,7 @@ class Bank:
         looked_at = cut(innovations)
         place.put_twice(self._cut, looked_at[:, 0])
         place.put_twice(self._filters_cut, looked_at[:, 1:])
-        _Places.of(where, before % EVIDENCE).put(self._evidence, evidence)
+        _Places.of(where, before % NOTICING.evidence).put(self._evidence, evidence)
         self.count[where] += 1
         self._notice(where, slots)
 
@@ -205,7 +208,7 @@ class Bank:
     def _fed(self, where: Where) -> tuple[Array, Array]:
         found = self.polynomials.innovations
         share = found.share[where]
-        sure = share > UNSURE
+        sure = share > PROBABILITY
         innovations = self._whitened(where, found.scaled[:, where]) / math.sqrt(self.noise)
         if not sure.all():
             innovations, share = np.where(sure, innovations, 0.0), np.where(sure, share, 1.0)
@@ -218,7 +221,7 @@ class Bank:
         factor, right = (part.transpose(1, 2, 0)[..., where] for part in (roots.factor, roots.right))
         u, offset = times - roots.center[where], (positions - roots.origin[where]).T
         diagonal = np.abs(np.einsum("jjk->jk", factor))
-        sure = diagonal.min(axis=0) > UNSURE * diagonal.max(axis=0)
+        sure = diagonal.min(axis=0) > PROBABILITY * diagonal.max(axis=0)
         power, variance, rows = np.ones(count), np.ones(count), list[Array]()
         for j in range(self.order + 1):  # R' row = powers, from the top
             row = power.copy()
@@ -267,7 +270,7 @@ class Bank:
         self.trend[where] = trends.max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[where]
         if fresh.any():
-            self.alarm(slots[fresh], np.array(WINDOWS)[worst[:, fresh].argmax(axis=0)])
+            self.alarm(slots[fresh], np.array(INNOVATIONS.windows)[worst[:, fresh].argmax(axis=0)])
         some = self.alarmed[where]
         if some.any():
             self._weigh(slots[some], begin[some], most[some] <= 1.0)
@@ -276,7 +279,8 @@ class Bank:
         """Go by the filters from now on, and by what was seen in the newest windows of so many observations, (n,)."""
         self.alarmed[slots], self._since[slots] = True, windows
         self._learn_swings(slots)
-        age = (self.count[slots] - 1 - np.arange(EVIDENCE)[:, None]) % EVIDENCE  # of each place in the ring
+        places = np.arange(NOTICING.evidence)[:, None]
+        age = (self.count[slots] - 1 - places) % NOTICING.evidence  # of each place in the ring
         self._evidence[..., slots] *= age < windows
 
     def _learn_swings(self, slots: Index) -> None:
@@ -308,7 +312,7 @@ class Bank:
         for twice in (place, place + _RING):
             self._filters_cut[:, self._walks :, twice, slots] = looked_at
         self._evidence[swings:, :, slots] = 0.0
-        self._evidence[swings:, (self.count[slots] - _RING + rows) % EVIDENCE, slots] = evidence
+        self._evidence[swings:, (self.count[slots] - _RING + rows) % NOTICING.evidence, slots] = evidence
 
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
@@ -321,11 +325,11 @@ class Bank:
         most = among.max(axis=0)
         weights = np.exp(among - most)
         swing = weights[self._walks :].sum(axis=0)
-        weights[self._walks :] *= swing >= LITTLE * weights.sum(axis=0)
+        weights[self._walks :] *= swing >= NOTICING.little * weights.sum(axis=0)
         total = weights.sum(axis=0)
         self.weights[where] = (weights / total).T
         self.gain[where] = most + np.log(total / len(among)) - evidence[0]
-        false = calm & (self._since[where] >= EVIDENCE) & (evidence[0] > most + CALM)
+        false = calm & (self._since[where] >= NOTICING.evidence) & (evidence[0] > most + NOTICING.calm)
         if false.any():
             self.alarmed[slots[false]] = False
 

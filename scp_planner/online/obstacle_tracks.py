@@ -30,9 +30,9 @@ from scp_planner.online.regions import NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
 from scp_planner.online.settled_tracks import Learnt, SettledTracks
 from scp_planner.online.sorted_tracks import SortedTracks, TrackKind, learns
-from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Allowance, Suspicions
+from scp_planner.online.suspicions import SUSPICIONS, Allowance, Suspicions
 from scp_planner.online.track import (
-    MOST_LATE,
+    TRACKS,
     NoticingTrack,
     ObstacleTrack,
     PolynomialTrack,
@@ -51,12 +51,8 @@ from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_bo
 from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
-MOST_SUSPECTS = 3
-"""...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
 FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
-INTERPOLATED = 0.01
-"""...which loses so much of a variance in between, at most."""
 
 
 class ObstacleTracks:
@@ -122,10 +118,10 @@ class ObstacleTracks:
             positions = np.array([track.positions[place] for track in some])
             keep = bank.surprise(slots, times, positions) <= gate
             for number, track in enumerate(some):
-                before = wild[track.id][1 - MOST_SUSPECTS :]
-                if not keep[number] and before == list(range(place + 1 - MOST_SUSPECTS, place)):
+                before = wild[track.id][1 - TRACKS.most_suspects :]
+                if not keep[number] and before == list(range(place + 1 - TRACKS.most_suspects, place)):
                     keep[number] = True  # so many are no outliers
-                    bank.alarm(slots[number : number + 1], np.array([MOST_SUSPECTS]))
+                    bank.alarm(slots[number : number + 1], np.array([TRACKS.most_suspects]))
                 elif not keep[number]:
                     wild[track.id].append(place)
             bank.update(slots[keep], times[keep], positions[keep])
@@ -203,10 +199,10 @@ class ObstacleTracks:
         if track.came_already(one):
             return "it came twice"
         if track.comes_too_late(one):
-            return f"it came too late, after {MOST_LATE} newer observations"
+            return f"it came too late, after {TRACKS.most_late} newer observations"
         if track.is_improbable(one, self.watch.gate_probability, self.newcomers):
             track.suspects.append(one)
-            if len(track.suspects) < MOST_SUSPECTS:
+            if len(track.suspects) < TRACKS.most_suspects:
                 return "it is improbable given the earlier observations"
             logger.info("obstacle %s: track restarted, it moves otherwise than estimated", name)
             track.learn_anew(self.newcomers, self._make)
@@ -315,13 +311,13 @@ class ObstacleTracks:
         if self.watch.changes <= 0.0:
             return None
         bank, slots = self._banks[tracks[0].model.order], slots_of(tracks)
-        some = np.flatnonzero(bank.trend[slots] > LOOKED_AT)
+        some = np.flatnonzero(bank.trend[slots] > SUSPICIONS.looked_at)
         if not len(some):
             return None
         found = changes_among(bank, slots[some], self.newcomers.acceleration_deviation)
         if not found.spoken_for:
             return None
-        return found.suspicions(self.watch.changes).among(some, len(tracks), LEFT_OUT * level.alpha)
+        return found.suspicions(self.watch.changes).among(some, len(tracks), SUSPICIONS.left_out * level.alpha)
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         try:
@@ -404,7 +400,7 @@ class ObstacleTracks:
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
         times = float(zone.centers.breakpoints[0, 0]) + FORETOLD
         scale = marginal_scale(str(self.confidence.level), self.confidence.probability, len(times), uncertain)
-        covariances = zone.covariance(times) / (scale * (1.0 + INTERPOLATED))
+        covariances = zone.covariance(times) / (scale * (1.0 + TRACKS.interpolated))
         return Course.model_construct(
             time=tuple(times.tolist()),
             position=tuple((x, y) for x, y in zone.center(times).tolist()),

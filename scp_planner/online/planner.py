@@ -27,8 +27,8 @@ from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
 from scp_planner.online.directions import direction
 from scp_planner.online.following import Following
-from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
-from scp_planner.online.means import Means, Replan
+from scp_planner.online.inbox import INBOX, Inbox, Sighting
+from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
@@ -47,11 +47,6 @@ logger = logging.getLogger(__name__)
 
 SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
 """Default settings of plans in the loop, where there is no time to make up for small violations between samples."""
-
-MOST_KEPT_BACK = 0.5
-"""Share of a deadline that is kept back at most for replans that took longer than theirs..."""
-OVERRUN_KEPT = 0.8
-"""...and so much of that again at each replan after it."""
 
 
 class Planner:
@@ -129,7 +124,7 @@ class Planner:
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self._inbox = Inbox(self._obstacles, units, self.given.start.time, self._online)
-        self.doubts = deque[str](maxlen=MOST_NOTES)
+        self.doubts = deque[str](maxlen=INBOX.most_notes)
         chosen = solver or solver_named(settings.solver)
         self._means = Means(self.given, self.settings, self._online, self._inbox, following, units, chosen)
         self._assumptions = Assumptions(self._means.vetting.period, following, units)
@@ -391,7 +386,7 @@ class Planner:
         state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
         end = math.inf
         if deadline is not None:
-            end = began + deadline - self._online.reserve - min(self._overrun, MOST_KEPT_BACK * deadline)
+            end = began + deadline - self._online.reserve - min(self._overrun, REPLAN.most_kept_back * deadline)
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
@@ -403,7 +398,7 @@ class Planner:
         self._clock = float(time)
         self._cycle += 1
         self.plan = plan.outside(self._units)
-        self._overrun = max(OVERRUN_KEPT * self._overrun, perf_counter() - max(end, began))
+        self._overrun = max(REPLAN.overrun_kept * self._overrun, perf_counter() - max(end, began))
         return self.plan
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:

@@ -9,9 +9,10 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.braking import distinct_knots
-from scp_planner.online.dodge_courses import LIMIT_SHARE, DodgeDrive, levels_and_cruises
-from scp_planner.online.ramps import JERK_SHARE, Ramps
+from scp_planner.online.dodge_courses import COURSES, DodgeDrive, levels_and_cruises
+from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
+from scp_planner.online.tolerances import JERK_SHARE
 from scp_planner.scenario.limits import Limits
 
 
@@ -30,7 +31,8 @@ class RampedProfiles:
         """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits.speed, width)
         speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
-        rise, fall, jerk = limits.acceleration * LIMIT_SHARE, limits.deceleration * LIMIT_SHARE, JERK_SHARE * jerk
+        share, jerk = COURSES.limit_share, JERK_SHARE * jerk
+        rise, fall = limits.acceleration * share, limits.deceleration * share
         stops = Ramps.stopping(speed, acceleration, fall, jerk)
         moving = Ramps.between(speed, acceleration, level, rise, fall, jerk)
         change = stops.where(level == 0.0, moving)

@@ -8,13 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-
-JERK_SHARE = 0.9999
-"""Share of the largest jerk that ramps use: rounding of the shortest ramps stays within it."""
-SLOWEST = 1e-10
-"""Units of speed. Slower, with the little acceleration that a stop has then, a vehicle is taken to stand: what is left
-of its stop is rounding."""
-_PHASES = 3
+from scp_planner.online.tolerances import SPEED
 
 
 @dataclass(frozen=True)
@@ -49,10 +43,10 @@ class Ramps:
     @classmethod
     def stopping(cls, speed: Array, acceleration: Array, deceleration: float, jerk: float) -> Ramps:
         """Return the fastest stops."""
-        still = (speed <= SLOWEST) & (acceleration <= 0.0)
+        still = (speed <= SPEED) & (acceleration <= 0.0)
         speed, acceleration = np.where(still, 0.0, speed), np.where(still, 0.0, acceleration)
         braking = np.minimum(acceleration, 0.0)
-        needed = np.maximum(jerk, braking**2 / np.maximum(2.0 * speed, SLOWEST))
+        needed = np.maximum(jerk, braking**2 / np.maximum(2.0 * speed, SPEED))
         return cls.between(speed, acceleration, np.zeros_like(speed), np.inf, deceleration, needed)
 
     def where(self, mine: Mask, other: Ramps) -> Ramps:
@@ -100,7 +94,7 @@ class Ramps:
         speeds = self._speeds
         length = np.diff(self.knots, axis=1)
         slope = np.diff(self.acceleration, axis=1) / np.where(length > 0.0, length, np.inf)
-        for phase in range(_PHASES):
+        for phase in range(3):
             x = np.minimum(np.maximum(times - self.knots[:, phase, None], 0.0), length[:, phase, None])
             start, rate = self.acceleration[:, phase, None], slope[:, phase, None]
             driven += x * (speeds[:, phase, None] + x * (0.5 * start + x * rate / 6.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,22 +19,31 @@ from scp_planner.online.track import ObstacleTrack, Seen
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
 
-HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
-"""Units of time ahead, at which predictions are compared with what came: the next observation, and later ones."""
-LATENESS = 0.1
-"""An observation is compared with a prediction for it that is no older than that by this share of the longest."""
-MOST_COMPARED = 64
-"""Number of obstacles that are compared every other time, over one horizon, all in turns, where more are seen
-together."""
+
+@dataclass(frozen=True)
+class RegionParameters:
+    # Units of time ahead, at which predictions are compared with what came: the next observation, and later ones
+    horizons: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0)
+    # An observation is compared with a prediction for it that is no older than that by this share of the longest
+    lateness: float = 0.1
+    # Number of obstacles that are compared every other time, over one horizon, all in turns, where more are seen
+    # together
+    most_compared: int = 64
+
+    @property
+    def latest(self) -> float:
+        """Age of a prediction, beyond its horizon, up to which it is compared."""
+        return self.lateness * self.horizons[-1]
+
+
+REGIONS = RegionParameters()
 BELIEVED, NOTICED, ALONE = 0, 1, 2
 """Kinds of predictions."""
-_HORIZONS = HORIZONS.tolist()
-_LATE = LATENESS * max(_HORIZONS)
 
 
 class RegionSizes:
     def __init__(self, alpha: float) -> None:
-        self.scales = AdaptiveScales(alpha, len(_HORIZONS), kinds=3)
+        self.scales = AdaptiveScales(alpha, len(REGIONS.horizons), kinds=3)
         self._border = NormalErrors().pointwise_scale(alpha)
         self._turn = 0
 
@@ -45,14 +54,14 @@ class RegionSizes:
             self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone], newcomers)
         first = tracks[0].estimator if len(tracks) else None
         if first is not None and first.bank is not None:
-            every = range(len(_HORIZONS))
-            if len(tracks) > MOST_COMPARED:
+            every = range(len(REGIONS.horizons))
+            if len(tracks) > REGIONS.most_compared:
                 self._turn += 1
                 if self._turn % 2:
                     return
-                turn, number = divmod(self._turn // 2, len(_HORIZONS))
+                turn, number = divmod(self._turn // 2, len(REGIONS.horizons))
                 every = range(number, number + 1)
-                some = [(turn * MOST_COMPARED + k) % len(tracks) for k in range(MOST_COMPARED)]
+                some = [(turn * REGIONS.most_compared + k) % len(tracks) for k in range(REGIONS.most_compared)]
                 tracks, seen = [tracks[k] for k in some], [seen[k] for k in some]
             self._learn_in(first.bank, tracks, seen, every)
 
@@ -61,18 +70,18 @@ class RegionSizes:
         times, positions = np.array([one.time for one in seen]), np.array([one.position for one in seen])
         declared = bank.noise_of(slots)[:, [0, 0, 1], [0, 1, 1]]
         for number in horizons:
-            for found in bank.foretold.compared(slots, times, positions, _HORIZONS[number], _LATE):
+            for found in bank.foretold.compared(slots, times, positions, REGIONS.horizons[number], REGIONS.latest):
                 names = [tracks[k].id for k in found.which.tolist()]
                 self._take_in(number, names, found.offset, found.covariance, declared[found.which], found.kinds)
 
     def _learn_alone(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
-        for number, horizon in enumerate(_HORIZONS):
+        for number, horizon in enumerate(REGIONS.horizons):
             told: list[Prediction] = []
             which: list[int] = []
             for k, (track, one) in enumerate(zip(tracks, seen, strict=True)):
                 origins = [each.origin for each in track.foretold]
                 before = bisect(origins, one.time - horizon) - 1
-                if before >= 0 and one.time - origins[before] <= horizon + _LATE:
+                if before >= 0 and one.time - origins[before] <= horizon + REGIONS.latest:
                     told.append(track.foretold[before])
                     which.append(k)
             if not told:
@@ -96,11 +105,11 @@ class RegionSizes:
 
     def of(self, tracks: Sequence[ObstacleTrack], kinds: Index) -> Sizing:
         """Sizes of the regions of some obstacles, whose predictions are of kinds (n,)."""
-        leads = np.empty((len(tracks), len(HORIZONS)))
-        leads[:] = HORIZONS
+        leads = np.empty((len(tracks), len(REGIONS.horizons)))
+        leads[:] = REGIONS.horizons
         # what is compared next is as far ahead as it was the last time
         last = [track.times[-1] - track.times[-2] if len(track.times) > 1 else 0.0 for track in tracks]
-        leads[:, 0] = np.minimum(last, 0.5 * HORIZONS[1])
+        leads[:, 0] = np.minimum(last, 0.5 * REGIONS.horizons[1])
         return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
 
     def sized(self, tracks: Sequence[ObstacleTrack], zones: Sequence[ThreatZone]) -> list[ThreatZone]:

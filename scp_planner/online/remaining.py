@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.ramps import Ramps
+from scp_planner.online.tolerances import LENGTH, OFF, RELATIVE
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -40,27 +41,25 @@ def _guide_from(guide: Sequence[tuple[float, float]], position: tuple[float, flo
     leg = int(np.argmin(away))
     # The next vertex is left out if the vehicle is about to pass it: a guide does not turn back.
     ahead = [tuple(point) for point in points[leg + 1 :].tolist()]
-    while len(ahead) > 1 and math.dist(ahead[0], position) < 2.0 * away[leg] + CLOSE:
+    while len(ahead) > 1 and math.dist(ahead[0], position) < 2.0 * away[leg] + OFF:
         ahead.pop(0)
     return (position, *ahead)
 
 
-CLOSE = 1e-6
-"""Units of length. A vertex of a guide that is nearer than this is passed."""
-PATH_SAMPLES = 49
-BENDING = 1e-4
-"""Square units of length. Weight of bending against offsets in the fit: only what the samples leave open."""
-WAY_BACK = 2.0
-"""Units of length of path on which the vehicle is led back to the old path..."""
-WAY_BACK_TIMES = 8.0
-"""...or this many times its distance from it, if that is more."""
-CATCHING_UP = 0.3
-"""Share of the limits of acceleration that is used to get back to the planned speed."""
-TINY_SHARE = 1e-9
-"""Share of a trip's duration: rounding."""
-GUIDE_STEP = 0.25
-"""Units of length, between the points of a curved guide that nearest ones are looked for among."""
-MOST_STATIONS = 100_000  # of a guide, however far away the vehicle says that it is
+@dataclass(frozen=True)
+class RemainingParameters:
+    path_samples: int = 49  # Samples of the old path that the new one is fitted to
+    # Square units of length. Weight of bending against offsets in the fit: only what the samples leave open
+    bending: float = 1e-4
+    way_back: float = 2.0  # Units of length of path on which the vehicle is led back to the old path
+    way_back_times: float = 8.0  # Its distances from the old path on which it is led back, if that is more
+    catching_up: float = 0.3  # Share of the limits of acceleration that is used to get back to the planned speed
+    # Units of length, between the points of a curved guide that nearest ones are looked for among
+    guide_step: float = 0.25
+    most_stations: int = 100_000  # Points of a guide, however far away the vehicle says that it is
+
+
+REMAINING = RemainingParameters()
 
 
 @dataclass(frozen=True)
@@ -92,22 +91,22 @@ def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
 def _path(problem: Problem, old: Trip, first: float) -> Array:
     space, ends, trajectory = problem.space, problem.ends, old.trajectory
     now = trajectory.at(trajectory.space.time_table(np.array([first])))
-    parameters = np.linspace(float(now.parameter[0]), 1.0, PATH_SAMPLES)
+    parameters = np.linspace(float(now.parameter[0]), 1.0, REMAINING.path_samples)
     points = trajectory.path.points(parameters)
     ahead = problem.frame.to_frame(old.frame.to_world(points.position))
     x, y = _over(space.guide, ahead)
     off = float(y[0])
-    back = min(max(WAY_BACK, WAY_BACK_TIMES * abs(off)), space.length)
+    back = min(max(REMAINING.way_back, REMAINING.way_back_times * abs(off)), space.length)
     left = np.minimum(np.maximum(x / back, 0.0), 1.0)
     y = y - off * (1.0 - left) ** 2 * (1.0 + 2.0 * left)
     # A path over the guide goes forward; what does not (a bow driven backwards along the new guide) is left out.
-    forward = np.maximum.accumulate(x) <= x + 1e-9
+    forward = np.maximum.accumulate(x) <= x + LENGTH
     forward &= (x >= 0.0) & (x <= space.length)
     x, y = x[forward], y[forward]
     theta = ends.theta.copy()
     free = ends.free
     rows = space.path.rows(x / space.length)
-    smooth = space.tables.station_bends * (BENDING / space.length**2)
+    smooth = space.tables.station_bends * (REMAINING.bending / space.length**2)
     target = y - rows @ theta
     bend = -smooth @ theta
     rows, smooth = rows[:, free], smooth[:, free]
@@ -121,7 +120,8 @@ def _over(guide: Guide, points: Array) -> tuple[Array, Array]:
     """Stations and offsets of points (n, 2) m over a guide, (n,) m each."""
     if guide.straight:
         return points[:, 0], points[:, 1]
-    stations = np.linspace(0.0, guide.length, min(max(2, round(guide.length / GUIDE_STEP)), MOST_STATIONS) + 1)
+    steps = min(max(2, round(guide.length / REMAINING.guide_step)), REMAINING.most_stations)
+    stations = np.linspace(0.0, guide.length, steps + 1)
     away = points[:, None] - guide.frame(stations).position
     nearest = stations[np.argmin((away * away).sum(axis=2), axis=1)]
     for _ in range(2):
@@ -141,7 +141,7 @@ def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Arr
     left = max((1.0 - first) * old.travel_time, 1e-3)
     planned = old.speed_at(first + (1.0 - first) * breaks)
     ahead = speed - float(planned[0])
-    rate = CATCHING_UP * (limits.deceleration if ahead > 0.0 else limits.acceleration)
+    rate = REMAINING.catching_up * (limits.deceleration if ahead > 0.0 else limits.acceleration)
     wanted = planned + np.sign(ahead) * np.maximum(abs(ahead) - rate * left * breaks, 0.0)
     wanted = np.minimum(np.maximum(wanted, 0.0), max(limits.speed, speed))
     mean = np.diff(wanted) / (np.diff(breaks) * left)
@@ -159,7 +159,7 @@ def _ramped(problem: Problem, theta: Array, old: Trajectory, first: float, state
     left = max((1.0 - first) * old.travel_time, 1e-3)
     planned = old.drive_at(first + (1.0 - first) * breaks)
     ahead = state.speed - float(planned.speed[0])
-    rate = CATCHING_UP * (limits.deceleration if ahead > 0.0 else limits.acceleration)
+    rate = REMAINING.catching_up * (limits.deceleration if ahead > 0.0 else limits.acceleration)
     wanted = planned.acceleration - np.sign(ahead) * rate * (breaks * left < abs(ahead) / rate)
     wanted = np.clip(wanted, -limits.deceleration, limits.acceleration)
     trip = Trajectory.of(space, theta, _from(state.acceleration, wanted, _most_change(problem, left)))
@@ -209,5 +209,5 @@ def eased(problem: Problem, ahead: Trajectory, share: float) -> Array:
         beta[0] = least
         return beta
     breaks = problem.space.acceleration.breakpoints
-    beta[breaks <= breaks[-1] - breaks[-2] + TINY_SHARE] = least
+    beta[breaks <= breaks[-1] - breaks[-2] + RELATIVE] = least
     return _from(problem.ends.start_acceleration, beta, _most_change(problem, ahead.travel_time))

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.online.covariances import LEAST_DEVIATION
+from scp_planner.online.tolerances import LEAST_DEVIATION
 
-NOISES = 512
-"""Newest third differences that the noise is estimated from."""
-SURE = 4.0
-"""Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough."""
+
+@dataclass(frozen=True)
+class NoiseParameters:
+    newest: int = 512  # Newest third differences that the noise is estimated from
+    # Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough
+    sure: float = 4.0
+    fewest: int = 12  # Newest measurements of one obstacle from which a change of its motion is found
+    most: int = 64  # Newest measurements that are looked at for that
+    exact: float = 10.0  # Least standard deviations that are used, up to which residuals are no sign of another motion
+    median: float = 1.3862943611198906  # Of chi-square with 2 degrees of freedom
+    median_error: float = 2.28  # Relative standard error of the median of n overlapping differences, times sqrt(n)
+
+
+NOISE = NoiseParameters()
 NEIGHBOURS = 4
 """Observations that a third difference is of."""
-FEWEST, MOST = 12, 64
-"""Newest observations of one obstacle from which it is told that its motion is another."""
-EXACT = 10.0
-"""Least standard deviations that are used, up to which residuals are no sign of another motion."""
 _SELF = np.eye(NEIGHBOURS)[..., None]
-_MEDIAN = 1.3862943611198906  # of chi-square with 2 degrees of freedom
-_MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping differences, times sqrt(n)
 
 
 def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
@@ -49,14 +54,14 @@ def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Arra
 
 def is_misfit(times: Sequence[float], positions: Sequence[tuple[float, float]], noise: Array) -> bool:
     """True if residuals are larger than neighbouring observations explain, (n,) s and (n, 2) m."""
-    if len(times) < FEWEST or np.trace(noise) < EXACT**2 * LEAST_DEVIATION**2:
+    if len(times) < NOISE.fewest or np.trace(noise) < NOISE.exact**2 * LEAST_DEVIATION**2:
         return False
-    newest, places = np.array(times[-MOST:]), np.array(positions[-MOST:])
+    newest, places = np.array(times[-NOISE.most :]), np.array(positions[-NOISE.most :])
     differences = neighbour_differences(newest, places, np.linalg.inv(np.linalg.cholesky(noise)))
-    if len(differences) < FEWEST - NEIGHBOURS:
+    if len(differences) < NOISE.fewest - NEIGHBOURS:
         return False
-    doubt = SURE * _MEDIAN_ERROR / math.sqrt(len(differences))
-    return _median(differences) / _MEDIAN < 1.0 / (1.0 + doubt)
+    doubt = NOISE.sure * NOISE.median_error / math.sqrt(len(differences))
+    return _median(differences) / NOISE.median < 1.0 / (1.0 + doubt)
 
 
 class NoiseWatch:
@@ -67,11 +72,11 @@ class NoiseWatch:
 
     def take_in(self, differences: Array) -> bool:
         """Take in standardised squared third differences, (n,); return whether the noise is another now."""
-        self._newest = np.concatenate([self._newest, differences])[-NOISES:]
+        self._newest = np.concatenate([self._newest, differences])[-NOISE.newest :]
         if not len(self._newest):
             return False
-        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / math.sqrt(len(self._newest))
-        ratio = _median(self._newest) / _MEDIAN / self.factor
+        doubt = (NOISE.sure if self.factor == 1.0 else 1.0) * NOISE.median_error / math.sqrt(len(self._newest))
+        ratio = _median(self._newest) / NOISE.median / self.factor
         if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
             return False
         before, self.factor = self.factor, max(self.factor * ratio, 1.0)

@@ -6,10 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from scp_planner.online.track import ObstacleTrack
-
-MOST_TURNING = 12
-"""Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together."""
+from scp_planner.online.track import TRACKS, ObstacleTrack
 
 
 class TrackKind(Enum):
@@ -45,7 +42,7 @@ class SortedTracks:
         """Sort tracks; those that have not been seen are left out."""
         every = [track for track in tracks if track.seen]
         turning = sum(track.fixed is None and track.body.turning is not None for track in every)
-        headings = turning <= MOST_TURNING
+        headings = turning <= TRACKS.most_turning
         groups: dict[TrackKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in TrackKind}
         for track in every:
             kind = track_kind(track, headings)

@@ -18,15 +18,19 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 from scp_planner.trips.trip import Trip
 
-STANDING = 1e-3
-"""Units of speed. A vehicle slower than this stands."""
-SAMPLES = 25
-WAIT_LOOKS = 12
-"""Samples of standing."""
-ROOM_LOOKED_AT = 0.5
-"""Units of length. Clearances beyond this need not be exact."""
-HOLD = 1.0
-"""Units of time that a plan to stand lasts; it goes on standing after that."""
+
+@dataclass(frozen=True)
+class StopParameters:
+    standing: float = 1e-3  # Units of speed. A vehicle slower than this stands
+    samples: int = 25  # Samples of a stop
+    wait_samples: int = 12  # Samples of standing
+    exact_within: float = 0.5  # Units of length. Clearances beyond this need not be exact
+    hold: float = 1.0  # Units of time that a plan to stand lasts; it goes on standing after that
+    spare: float = 1.5  # Lengths of a stop, that the path of one straight ahead has
+    straight_spans: int = 4  # Spans of a path straight ahead
+
+
+STOPS = StopParameters()
 
 
 def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Trajectory | None:
@@ -44,15 +48,15 @@ def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Traje
 @dataclass(frozen=True)
 class Stopping:
     lasts: Array  # (m,) s
-    after: Array  # (m, SAMPLES) Times from when they leave it until they stand, s
-    driven: Array  # (m, SAMPLES) m
+    after: Array  # (m, samples) Times from when they leave it until they stand, s
+    driven: Array  # (m, samples) m
 
 
 def evenly(points: TripPoints, deceleration: float) -> Stopping:
     """Return stops that decelerate evenly, m/s2, from points of a trip."""
     speed = np.maximum(points.speed, 0.0)
     braking = speed / deceleration
-    after = braking[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+    after = braking[:, None] * np.linspace(0.0, 1.0, STOPS.samples)
     return Stopping(braking, after, after * (speed[:, None] - 0.5 * deceleration * after))
 
 
@@ -73,28 +77,28 @@ def room_of_stops(
 ) -> Array:
     """Least clearance, sampled, of the stops that leave a trip after different times; see :func:`room_to_stop`."""
     tau, path = trajectory.travel_time, trajectory.path
-    before = np.linspace(since, float(leads[-1]), SAMPLES)
+    before = np.linspace(since, float(leads[-1]), STOPS.samples)
     kept = trajectory.at(trajectory.space.time_table(np.concatenate([before, leads]) / tau))
-    stops = stopping(kept.take(slice(SAMPLES, None)))
-    driven = kept.distance[SAMPLES:, None] + stops.driven
+    stops = stopping(kept.take(slice(STOPS.samples, None)))
+    driven = kept.distance[STOPS.samples :, None] + stops.driven
     fit = driven[:, -1] <= path.arc_length
     if zones.size == 0:
         return np.where(fit, np.inf, -np.inf)
     position = path.points(path.parameter_at(driven.ravel())).position
-    times, places = [before, (leads[:, None] + stops.after).ravel()], [kept.path.position[:SAMPLES], position]
+    times, places = [before, (leads[:, None] + stops.after).ravel()], [kept.path.position[: STOPS.samples], position]
     if wait > 0.0:
         # They do not grow beyond when the last of these stops stands: up to then nothing else is looked at.
         stands = leads + stops.lasts
         zones = foreseen(zones, float(stands.max()), {})
-        times.append((stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)).ravel())
-        places.append(position[SAMPLES - 1 :: SAMPLES].repeat(WAIT_LOOKS, axis=0))
+        times.append((stands[:, None] + wait * np.linspace(0.0, 1.0, STOPS.wait_samples)).ravel())
+        places.append(position[STOPS.samples - 1 :: STOPS.samples].repeat(STOPS.wait_samples, axis=0))
     # All at once: NUMPY-CALLS
-    near = zones.distances(np.concatenate(times), np.concatenate(places), ROOM_LOOKED_AT).min(axis=1)
-    keeping, stopping_at, standing = np.split(near, [SAMPLES, SAMPLES + len(position)])
-    least = stopping_at.reshape(len(leads), SAMPLES).min(axis=1)
+    near = zones.distances(np.concatenate(times), np.concatenate(places), STOPS.exact_within).min(axis=1)
+    keeping, stopping_at, standing = np.split(near, [STOPS.samples, STOPS.samples + len(position)])
+    least = stopping_at.reshape(len(leads), STOPS.samples).min(axis=1)
     if len(standing):
-        least = np.minimum(least, standing.reshape(len(leads), WAIT_LOOKS).min(axis=1))
-    sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), SAMPLES - 1)]
+        least = np.minimum(least, standing.reshape(len(leads), STOPS.wait_samples).min(axis=1))
+    sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), STOPS.samples - 1)]
     return np.where(fit, np.minimum(least, sofar), -np.inf)
 
 
@@ -102,7 +106,7 @@ def standing_from(stop: Trajectory) -> float:
     """Time after its start from which on the vehicle stands, s."""
     breaks = stop.space.acceleration.breakpoints
     speeds = stop.speed_control_points() if stop.space.tables.constant else stop.speed_at(breaks)
-    moving = np.flatnonzero(speeds > STANDING)
+    moving = np.flatnonzero(speeds > STOPS.standing)
     if not len(moving):
         return 0.0
     last = min(int(moving[-1]) + 1, len(speeds) - 1)
@@ -112,8 +116,8 @@ def standing_from(stop: Trajectory) -> float:
 def stop_now(path: Path, speed: float, deceleration: float) -> Trajectory:
     """Return the stop along a path that decelerates evenly from its start, or stands there."""
     size = path.space.acceleration_size
-    if speed <= STANDING:
-        return Trajectory(path, np.zeros(size), HOLD)
+    if speed <= STOPS.standing:
+        return Trajectory(path, np.zeros(size), STOPS.hold)
     return Trajectory(path, np.full(size, -deceleration), speed / deceleration)
 
 
@@ -128,8 +132,8 @@ def standing_trip(like: Trip, frame: PlanningFrame, wait: float) -> Trip:
 def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, float], ahead: float = 0.0) -> bool:
     """True if zones that soon do not grow any more surely keep clear of a place: by the discs that cover them."""
     since, grows, wait = times
-    half = 0.5 * wait / WAIT_LOOKS
-    middle: Array = since + half * np.arange(1.0, 2.0 * WAIT_LOOKS, 2.0)
+    half = 0.5 * wait / STOPS.wait_samples
+    middle: Array = since + half * np.arange(1.0, 2.0 * STOPS.wait_samples, 2.0)
     reach = zones.reach(np.array([since + grows]))[0] + ahead
     offset = zones.centers.grid(middle) - position
     # No knot may lie inside of an interval, for the speed to be bounded; then it is left to the certificate.

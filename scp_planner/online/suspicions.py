@@ -12,28 +12,34 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.mixtures import Mixture
 
-ONSETS = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 24, 31)
-"""Ages of a change that are considered, in measurements."""
-LEFT_OUT = 0.1
-"""Share of what the level leaves open, that changes which are left out may have."""
-SPEAKS = math.log(20.0)
-"""Evidence from which on an onset counts: with less there would be too many. For what nothing speaks for yet, zones
-allow as ``manoeuvre`` says."""
-LOOKED_AT = 9.0
-"""Squared trend of the innovations from which on changes are put to the test. That an onset is spoken for takes a
-squared signal T with T x / (1 + x) / 2 - log(1 + x) > `SPEAKS`, x what it tells beside what was known of the change: at
-least 11.5. What windows see of it may be a little less."""
-MOST_EVIDENCE = 500.0
-WARY, WARY_LASTS = 0.3, 10.0
-"""Standard deviation of a change of acceleration that is allowed for after any obstacle is noticed to move otherwise
-than foretold, over that of newcomers', and for how many units of time."""
-WILD = 8.0
-"""Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""
+
+@dataclass(frozen=True)
+class SuspicionParameters:
+    # Ages of a change that are considered, in measurements
+    onsets: tuple[int, ...] = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 24, 31)
+    left_out: float = 0.1  # Share of what the level leaves open, that changes which are left out may have
+    # Evidence from which on an onset counts: with less there would be too many. For what nothing speaks for yet, zones
+    # allow as ``manoeuvre`` says
+    speaks: float = math.log(20.0)
+    # Squared trend of the innovations from which on changes are put to the test. That an onset is spoken for takes a
+    # squared signal T with T x / (1 + x) / 2 - log(1 + x) > `speaks`, x what it tells beside what was known of the
+    # change: at least 11.5. What windows see of it may be a little less
+    looked_at: float = 9.0
+    most_evidence: float = 500.0  # Logarithm of a ratio of likelihoods; beyond it, exponentials would overflow
+    # Standard deviation of a change of acceleration that is allowed for after any obstacle is noticed to move otherwise
+    # than predicted, over that of new tracks
+    wary: float = 0.3
+    wary_lasts: float = 10.0  # Units of time for which that is allowed for
+    # Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change
+    wild: float = 8.0
+
+
+SUSPICIONS = SuspicionParameters()
 
 
 class Allowance:
     def __init__(self, usual: float, unit: float) -> None:
-        self._usual, self._wary = usual * unit, (max(usual, WARY) if usual > 0.0 else 0.0) * unit
+        self._usual, self._wary = usual * unit, (max(usual, SUSPICIONS.wary) if usual > 0.0 else 0.0) * unit
         self._changed = -math.inf
         self._noticed: frozenset[str] = frozenset()
         self.now = self._usual
@@ -43,7 +49,7 @@ class Allowance:
         if noticed - self._noticed:
             self._changed = time
         self._noticed = noticed
-        self.now = self._wary if time - self._changed <= WARY_LASTS else self._usual
+        self.now = self._wary if time - self._changed <= SUSPICIONS.wary_lasts else self._usual
 
 
 @dataclass(frozen=True)
@@ -86,12 +92,12 @@ class Changes:
     @property
     def spoken_for(self) -> bool:
         """True if anything speaks for any of them."""
-        return bool((self.evidence > SPEAKS).any())
+        return bool((self.evidence > SUSPICIONS.speaks).any())
 
     def suspicions(self, often: float) -> Suspicions:
-        weight = often * self.gap * np.exp(np.minimum(self.evidence, MOST_EVIDENCE))
+        weight = often * self.gap * np.exp(np.minimum(self.evidence, SUSPICIONS.most_evidence))
         weight /= 1.0 + weight.sum(axis=1, keepdims=True)
-        return self._mixed(np.where(self.evidence > SPEAKS, weight, 0.0))
+        return self._mixed(np.where(self.evidence > SUSPICIONS.speaks, weight, 0.0))
 
     def sure(self) -> Suspicions:
         weight = self.gap * np.exp(self.evidence - self.evidence.max(axis=1, keepdims=True))
@@ -120,7 +126,7 @@ class Changes:
 
 def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: float) -> Changes:
     """Judge how likely it is that polynomial motions have changed their accelerations."""
-    p, back = roots.factor.shape[1], [-1 - number for number in ONSETS]
+    p, back = roots.factor.shape[1], [-1 - number for number in SUSPICIONS.onsets]
     inverse = np.linalg.inv(roots.factor)
     root = np.linalg.cholesky(noise)
     there = np.isfinite(looks.times.T)  # (K, R)
@@ -129,7 +135,7 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     offset = looks.positions.transpose(2, 1, 0) - roots.origin[:, None] - powers @ (inverse @ roots.right)
     residual = (np.linalg.inv(root)[:, None] @ offset[..., None])[..., 0]
     size = np.sqrt((residual * residual).sum(axis=-1))
-    residual *= np.where(there, WILD / np.maximum(size, WILD), 0.0)[..., None]
+    residual *= np.where(there, SUSPICIONS.wild / np.maximum(size, SUSPICIONS.wild), 0.0)[..., None]
 
     onset = clock[:, back]
     path = 0.5 * np.maximum(clock[:, None] - onset[:, :, None], 0.0) ** 2 * there[:, None]  # (K, H, R)
@@ -146,7 +152,8 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     course[:, :, :p] -= known @ inverse.transpose(0, 2, 1)
     gap = clock[:, [-1, *back[:-1]]] - onset
     gap *= there[:, back]
-    evidence = np.where(gap > 0.0, 0.5 * (gradient * change).sum(axis=-1) + np.log(variance / prior), -MOST_EVIDENCE)
+    evidence = 0.5 * (gradient * change).sum(axis=-1) + np.log(variance / prior)
+    evidence = np.where(gap > 0.0, evidence, -SUSPICIONS.most_evidence)
     return Changes(gap, evidence, change, variance, course, np.asarray(root, dtype=float))
 
 

@@ -20,10 +20,10 @@ from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
-from scp_planner.online.covariances import LEAST_DEVIATION
 from scp_planner.online.foretold import KEPT, Prediction
 from scp_planner.online.given_motions import GivenZones
 from scp_planner.online.noticing import Bank
+from scp_planner.online.tolerances import LEAST_DEVIATION
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.motions import GivenMotion, is_uncertain
@@ -35,11 +35,22 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
 
-MOST_LATE = 64
-"""Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
-again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
-LEARNT = 1.0
-"""Units of time. From this span of observations on, a newcomer's motion is estimated without the prior for them."""
+
+@dataclass(frozen=True)
+class TrackParameters:
+    # Later observations that one may come after, where a process model is learnt from them in order: then these are
+    # learnt again. What comes later still is left out; by then such a model has forgotten most of what it could tell
+    most_late: int = 64
+    # Units of time. From this span of observations on, a newcomer's motion is estimated without the prior for them
+    learnt: float = 1.0
+    # Improbable measurements in a row after which the obstacle moves otherwise than estimated, and is learnt anew
+    most_suspects: int = 3
+    interpolated: float = 0.01  # Share of a variance that interpolation between the times of zones loses, at most
+    # Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together
+    most_turning: int = 12
+
+
+TRACKS = TrackParameters()
 
 
 def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
@@ -159,7 +170,7 @@ class ProcessTrack(TrackEstimator):
 
     def __init__(self, process: ProcessModel) -> None:
         self.filter = MotionFilter(process)
-        self.filters: deque[MotionFilter] = deque(maxlen=MOST_LATE)
+        self.filters: deque[MotionFilter] = deque(maxlen=TRACKS.most_late)
 
     def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
         """Take in an observation."""
@@ -241,7 +252,7 @@ class ObstacleTrack:
         least = self.model.order + 1
         if self.covariance is None and not self.varying and len(self.times) < least + 2:
             return False
-        if self.newcomer and self.times[-1] - self.times[0] < LEARNT:
+        if self.newcomer and self.times[-1] - self.times[0] < TRACKS.learnt:
             return False
         return self.distinct >= least
 

@@ -20,6 +20,7 @@ from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import standing_from, standing_trip, surely_clear
+from scp_planner.online.tolerances import TIME
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -30,23 +31,21 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-STOPS = 8
-COMMITMENT = 3.0
-"""Units of time. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
-STOPS_TRIED = 2
-"""...and so many certified, at most."""
-PLENTY = 0.5
-"""Units of length. Stops with more room than this are as good as each other."""
-EXACT = 0.0
-"""Units of length. Sampled clearances beyond this need not be exact: what matters is how deep a trip is inside."""
-TRIP_SAMPLES = 48
-"""Samples of the last trip."""
-DEEP = 0.1
-"""Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept
-for a while."""
-TINY_TIME = 1e-9
-"""Units of time."""
-_SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
+
+@dataclass(frozen=True)
+class VettingParameters:
+    stops: int = 8  # Stops from a trip that are evaluated by samples
+    commitment: float = 3.0  # Units of time: a stop may leave a trip so much later than at the next replan
+    stops_tried: int = 2  # Stops from a trip that are certified, at most
+    plenty: float = 0.5  # Units of length. Stops with more room than this are as good as each other
+    trip_samples: int = 48  # Samples of the last trip
+    # Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be
+    # kept for a while
+    deep: float = 0.1
+
+
+VETTING = VettingParameters()
+_SHARES = np.linspace(0.0, 1.0, VETTING.trip_samples)
 
 
 @dataclass(frozen=True)
@@ -252,13 +251,13 @@ class Vetting:
         """True if a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
         if evaluation is None:
             ahead = TripSamples.of(trip, _SHARES)
-            return bool(now.batch.distances(ahead.time, ahead.position, EXACT).min(initial=np.inf) >= 0.0)
+            return bool(now.batch.distances(ahead.time, ahead.position, 0.0).min(initial=np.inf) >= 0.0)
         if evaluation.worst_violation > FEASIBILITY:
             return False
         if not now.growing:
             return True
         points = evaluation.points
-        return bool(now.batch.distances(points.time, points.path.position, EXACT).min() >= 0.0)
+        return bool(now.batch.distances(points.time, points.path.position, 0.0).min() >= 0.0)
 
     def _stop(
         self, now: Moment, trip: Trip, branch: float, broken: float = math.inf
@@ -287,12 +286,12 @@ class Vetting:
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
         earliest = driven + self.period
-        spans = spans_between(breaks, earliest - TINY_TIME, earliest + COMMITMENT, STOPS)
+        spans = spans_between(breaks, earliest - TIME, earliest + VETTING.commitment, VETTING.stops)
         if not len(spans):
             tried.otherwise = "the goal is nearer than the distance to stop in"
             return
         if breaks[spans[0]] <= branch - trip.frame.time <= breaks[spans[-1]]:
-            before = int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
+            before = int(np.searchsorted(breaks, branch - trip.frame.time - TIME))
             # That of the last plan held a moment ago; of a new trip samples are asked first, which are soon looked at.
             left = None if driven > 0.0 else leaving(trip, braking, before)
             if left is None or np.isinf(self.clear_for(now, Stop(*left))):
@@ -301,12 +300,12 @@ class Vetting:
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
         tried.room = float(room.max())
         # The latest of those with plenty of room: it will do for the most replans.
-        order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
+        order = np.lexsort((-spans, -np.minimum(room, VETTING.plenty)))
         if np.isneginf(tried.room):
             tried.otherwise = "the goal is nearer than the distance to stop in"
         else:
             tried.otherwise = "none stays clear for long enough" if self.wait > 0.0 else "none keeps clear"
-        for index in order[:STOPS_TRIED]:
+        for index in order[: VETTING.stops_tried]:
             if room[index] >= 0.0:
                 yield int(spans[index])
 
@@ -336,8 +335,8 @@ class Vetting:
         violation = 0.0
         if batch.size:
             driven = now.state.time - last.frame.time
-            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, EXACT).min())
-        if violation > DEEP:
+            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, 0.0).min())
+        if violation > VETTING.deep:
             return None
         found = self._stop(now, last, branch)
         if isinstance(found, Refusal):
@@ -350,14 +349,14 @@ class Vetting:
         if ahead is None:
             return None
         batch = now.batch_in(last.frame)
-        if batch.size and batch.distances(ahead.time, ahead.position, EXACT).min() < 0.0:
+        if batch.size and batch.distances(ahead.time, ahead.position, 0.0).min() < 0.0:
             return None
         certificate = now.certify(last, since=now.state.time, motions=self.motions)
         return Vetted(last, certificate, None, 0.0) if certificate.holds else None
 
     def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
-        if now.state.time + self.period > stop.branch + TINY_TIME or not self.is_on(now, last):
+        if now.state.time + self.period > stop.branch + TIME or not self.is_on(now, last):
             return None
         if np.isfinite(self.clear_for(now, stop)):
             return None
@@ -379,10 +378,10 @@ class Vetting:
 
     def clear_for(self, now: Moment, stop: Stop) -> float:
         trip = stop.trip
-        times = np.linspace(now.state.time, stop.stands + self.wait, TRIP_SAMPLES)
+        times = np.linspace(now.state.time, stop.stands + self.wait, VETTING.trip_samples)
         grown = max(stop.stands, self.unseen_until(now)) - trip.frame.time
         batch = foreseen(now.batch_in(trip.frame), grown, {})
-        away = batch.distances(times - trip.frame.time, trip.positions_at(times), EXACT)
+        away = batch.distances(times - trip.frame.time, trip.positions_at(times), 0.0)
         entered = away.min(axis=1, initial=np.inf) < 0.0
         return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf
 

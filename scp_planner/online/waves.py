@@ -11,14 +11,20 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.online.slot_states import SlotStates, if_alike
 
-PERIODS = (0.83, 1.17, 1.6, 2.2)
-"""Periods of the oscillator models, as multiples of a new track's time from acceleration to velocity."""
-SWING = 0.09
-"""Standard deviation of a swing, as a multiple of how far newcomers' velocities lead in that time."""
-DAMPING = 0.03
-"""Damping ratio: after so many swings, 1 / (2 pi) over it, little is known of how it goes on."""
-COURSE_JERK = 0.003
-"""Intensity of the course's jerk, as a multiple of that of newcomers."""
+
+@dataclass(frozen=True)
+class WaveParameters:
+    # Periods of the oscillator models, as multiples of a new track's time from acceleration to velocity
+    periods: tuple[float, ...] = (0.83, 1.17, 1.6, 2.2)
+    # Standard deviation of a swing, as a multiple of how far newcomers' velocities lead in that time
+    swing: float = 0.09
+    damping: float = 0.03  # Damping ratio: after so many swings, 1 / (2 pi) over it, little is known of how it goes on
+    course_jerk: float = 0.003  # Intensity of the course's jerk, as a multiple of that of newcomers
+    kept_steps: int = 16  # Steps that are kept: lags repeat, from frame to frame
+    ticks: float = 1e9  # Per unit of time: lags of one frame differ by rounding only
+
+
+WAVES = WaveParameters()
 STATES = 5
 _PAIRS = np.array(list(combinations_with_replacement(range(STATES), 2))).T
 """Rows and columns of the upper triangle."""
@@ -27,9 +33,6 @@ _FULL = np.zeros((STATES, STATES), dtype=np.intp)
 _FULL[_PAIRS[0], _PAIRS[1]] = _FULL[_PAIRS[1], _PAIRS[0]] = np.arange(_PAIRS.shape[1])
 _KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
 """Place of the upper triangle of the first three states."""
-_KEPT = 16
-"""Steps that are kept: lags repeat, from frame to frame."""
-_UNITS = 1e9  # of time: lags of one frame differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -53,9 +56,9 @@ class Swings:
     @classmethod
     def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
         time = velocity_deviation / acceleration_deviation
-        jerk = COURSE_JERK * acceleration_deviation**2 / time
-        rates = 2.0 * np.pi / (time * np.array(PERIODS))
-        return cls(rates, SWING * velocity_deviation * time, jerk, velocity_deviation, acceleration_deviation)
+        jerk = WAVES.course_jerk * acceleration_deviation**2 / time
+        rates = 2.0 * np.pi / (time * np.array(WAVES.periods))
+        return cls(rates, WAVES.swing * velocity_deviation * time, jerk, velocity_deviation, acceleration_deviation)
 
     @cached_property
     def diffusions(self) -> Array:
@@ -64,7 +67,7 @@ class Swings:
 
     @cached_property
     def driving(self) -> Array:
-        swerves = 4.0 * DAMPING * self.rates**3 * self.deviation**2
+        swerves = 4.0 * WAVES.damping * self.rates**3 * self.deviation**2
         return np.stack([swerves, np.full(len(swerves), self.jerk)], axis=1)
 
     @cached_property
@@ -72,7 +75,7 @@ class Swings:
         """From states to the course and the swing, (M, 5, 5)."""
         matrix = np.tile(np.eye(STATES), (len(self.rates), 1, 1))
         matrix[:, 0, 3] = matrix[:, 1, 4] = -1.0
-        matrix[:, 2, 3], matrix[:, 2, 4] = self.rates**2, 2.0 * DAMPING * self.rates
+        matrix[:, 2, 3], matrix[:, 2, 4] = self.rates**2, 2.0 * WAVES.damping * self.rates
         return matrix
 
     @cached_property
@@ -100,11 +103,11 @@ class Swings:
     def moved(self, lags: Array) -> tuple[Array, Array]:
         """Transitions (L, M, 5, 5) over lags (L,), s, and the covariances (L, M, 5, 5) of the noise on the way."""
         t, rate = lags[:, None], self.rates
-        decay, damped = np.exp(-DAMPING * rate * t), np.sqrt(1.0 - DAMPING**2) * rate
+        decay, damped = np.exp(-WAVES.damping * rate * t), np.sqrt(1.0 - WAVES.damping**2) * rate
         cosine, sine = decay * np.cos(damped * t), decay * np.sin(damped * t) / damped
         swing = np.zeros((*cosine.shape, 2, 2))
-        swing[..., 0, 0], swing[..., 0, 1] = cosine + DAMPING * rate * sine, sine
-        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - DAMPING * rate * sine
+        swing[..., 0, 0], swing[..., 0, 1] = cosine + WAVES.damping * rate * sine, sine
+        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - WAVES.damping * rate * sine
         moved, noise = np.zeros((2, *cosine.shape, STATES, STATES))
         moved[..., range(3), range(3)] = 1.0
         moved[..., 0, 1] = moved[..., 1, 2] = t
@@ -120,7 +123,7 @@ class Swings:
     def steps(self, lags: Array) -> _Steps:
         kept = self._kept.get(lags.tobytes())
         if kept is None:
-            if len(self._kept) >= _KEPT:
+            if len(self._kept) >= WAVES.kept_steps:
                 self._kept.clear()
             moved, noise = self.moved(lags)
             kept = _Steps(moved, _on_triangles(moved, _PAIRS), noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0))
@@ -162,7 +165,7 @@ class SwingStates(SlotStates):
 
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        lags, which = _distinct(np.rint(if_alike(lag) * _UNITS) / _UNITS, len(lag))
+        lags, which = _distinct(np.rint(if_alike(lag) * WAVES.ticks) / WAVES.ticks, len(lag))
         steps = self.swings.steps(lags)
         moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)

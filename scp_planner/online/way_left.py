@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.tolerances import ANGLE
 
-ROUND = 2.0 * np.pi
-SWUNG = np.radians([8.0, 16.0, 25.0, 35.0, 46.0, 60.0, 80.0, 105.0])
-"""Angles of the arc before a vehicle turns back."""
-NOTHING = 1e-9
-"""rad. A turn that is a round but for this is none."""
+
+@dataclass(frozen=True)
+class WayParameters:
+    # Degrees: arcs before a vehicle turns back
+    swung: tuple[float, ...] = (8.0, 16.0, 25.0, 35.0, 46.0, 60.0, 80.0, 105.0)
+    far: float = 4.0  # Radii of the tightest turn: a way on that is longer is as good as any. To turn back takes 3.1
+    steps: int = 16  # Places that are looked at on that way
+
+
+WAY = WayParameters()
 
 
 def way_left(position: Array, heading: Array, goal: Array, radius: float, within: float = 0.0) -> Array:
@@ -41,7 +49,8 @@ def way_left_both_ways(
     plain: Array = way_left(np.broadcast_to(position, (*first.shape, 2)), first, goal, radius, within).min(axis=0)
     if radius == 0.0:
         return plain
-    swung = np.concatenate([SWUNG, -SWUNG]).reshape(-1, *(1,) * first.ndim)
+    arcs = np.radians(WAY.swung)
+    swung = np.concatenate([arcs, -arcs]).reshape(-1, *(1,) * first.ndim)
     # The chord of an arc leads half of its angle aside.
     chord, along = 2.0 * radius * np.sin(0.5 * np.abs(swung)), first + 0.5 * swung
     place = position + chord[..., None] * np.stack([np.cos(along), np.sin(along)], axis=-1)
@@ -64,5 +73,5 @@ def _away_and_back(ahead: Array, aside: Array) -> Array:
 
 def _angle(angle: Array) -> Array:
     """An angle in [0, 2 pi)."""
-    angle = np.mod(angle, ROUND)
-    return np.where(angle > ROUND - NOTHING, 0.0, angle)
+    angle = np.mod(angle, 2.0 * np.pi)
+    return np.where(angle > 2.0 * np.pi - ANGLE, 0.0, angle)

@@ -13,7 +13,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.planner import Planner
-from scp_planner.online.stops import STANDING
+from scp_planner.online.stops import STOPS
 from scp_planner.scenario.models import Observations, Obstacle, Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
@@ -240,7 +240,7 @@ class Drive:
 
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
         if plan.outcome in AWAY:
-            return self.stage.speed <= STANDING * self.units.speed and self.planner.at_goal(self.stage.position)
+            return self.stage.speed <= STOPS.standing * self.units.speed and self.planner.at_goal(self.stage.position)
         return plan.arrival_time <= time + NO_TIME * self.units.time
 
     # what is written down

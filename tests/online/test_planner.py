@@ -39,7 +39,7 @@ def test_plans_are_improved_on_the_way_and_never_get_slower_among_known_motions(
         plan = follow(planner, k * PERIOD)
         assert plan.outcome in (Outcome.IMPROVED, Outcome.KEPT) and plan.certified
         arrivals.append(plan.arrival_time)
-    assert np.diff(arrivals).max() <= decision.SLOWER
+    assert np.diff(arrivals).max() <= decision.DECISION.slower
     assert arrivals[-1] <= arrivals[0] + 0.02
 
 
