@@ -14,7 +14,7 @@ from scp_planner.online.many_zones import Future, Level, Sizing, future_of, leng
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
 from scp_planner.online.suspicions import SUSPICIONS, Changes, changed_motions, changes_of
-from scp_planner.online.track import ObstacleTrack
+from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -116,11 +116,6 @@ class Alarmed:
         )
         soon = future_of(near.of(slice(count)), start)
         return made_zones(self.tracks, future, level.scales(count, lengths), sizing, soon)
-
-
-def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
-    """Slots of tracks that are in a bank."""
-    return np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
 
 
 def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.ends import can_reverse
 from scp_planner.files import LARGEST_COORDINATE
-from scp_planner.online.covariances import repaired, square_matrix
-from scp_planner.online.tolerances import RELATIVE
+from scp_planner.online.stops import STOPS
+from scp_planner.online.tolerances import EIGENVALUE, LEAST_DEVIATION, MOST_DEVIATION, RELATIVE
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.models import Obstacle, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
+from scp_planner.scenario.obstacle_checks import SYMMETRY
 from scp_planner.units import Units
 
 
@@ -91,3 +93,71 @@ def check_number(name: str, value: float, least: float = -math.inf) -> None:
         raise OutOfRangeError(f"{name}: {value!r} is beyond {LARGEST_COORDINATE:g}")
     if value < least:
         raise ValueError(f"{name}: {value!r} is less than {least:g}")
+
+
+def square_matrix(value: ArrayLike, size: int) -> Array:
+    """Covariance as an array (size, size) of finite numbers; a `ValueError` names what is wrong."""
+    try:
+        matrix = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"covariance: it is not an array of numbers ({error})") from None
+    if matrix.shape != (size, size):
+        raise ValueError(f"covariance: its shape is {matrix.shape}; it must have {size} rows of {size} numbers")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"covariance: {matrix.tolist()} is not finite")
+    return matrix
+
+
+def repaired(matrix: Array, units: ArrayLike) -> Array:
+    """Covariance that is symmetric and positive definite."""
+    kinds = np.repeat(np.asarray(units, dtype=float), 2)
+    least, most = LEAST_DEVIATION * kinds, MOST_DEVIATION * kinds
+    scale = np.maximum(_largest_of_kind(matrix), least)
+    unlike = np.abs(matrix - matrix.T) / np.outer(scale, scale)
+    if (unlike > SYMMETRY).any():
+        i, j = np.unravel_index(int(np.argmax(unlike)), unlike.shape)
+        pair = f"its entries [{i}][{j}] = {float(matrix[i, j])!r} and [{j}][{i}] = {float(matrix[j, i])!r}"
+        raise ValueError(f"covariance: {matrix.tolist()} is not symmetric: {pair} must be the same")
+    found = _definite(0.5 * (matrix + matrix.T), scale, least)
+    shrunk = np.minimum(1.0, most / np.sqrt(np.diag(found)))
+    return found * np.outer(shrunk, shrunk)
+
+
+def _largest_of_kind(matrix: Array) -> Array:
+    """Square roots of the largest entries of each kind of quantity, (n,): the size that rounding is relative to."""
+    kinds = len(matrix) // 2
+    blocks = np.abs(matrix.reshape(kinds, 2, kinds, 2)[range(kinds), :, range(kinds)])
+    return np.repeat(np.sqrt(blocks.reshape(kinds, 4).max(axis=1)), 2)
+
+
+def _definite(matrix: Array, scale: Array, least: Array) -> Array:
+    """Symmetric matrix with no eigenvalue of its correlations below the least; refused if that is no rounding."""
+    own = np.diag(matrix)
+    if (own >= least**2).all():
+        correlations = matrix / np.sqrt(np.outer(own, own))
+        if np.linalg.eigvalsh(correlations)[0] > EIGENVALUE:
+            return matrix
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    if values[0] < -SYMMETRY * max(float(values[-1]), 1.0):
+        raise ValueError(f"covariance: {matrix.tolist()} is not positive definite")
+    raised = np.maximum(values, max(2.0 * EIGENVALUE, -float(values[0])))
+    found: Array = (vectors * raised) @ vectors.T * np.outer(scale, scale)
+    found = 0.5 * (found + found.T)
+    return found + np.diag(np.maximum(least**2 - np.diag(found), 0.0))
+
+
+def can_turn(vehicle: Vehicle, speed: float) -> bool:
+    """True if it can set out in any direction, at a speed in units of the scene."""
+    return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STOPS.standing)
+
+
+def direction(
+    vehicle: Vehicle, position: tuple[float, float], heading: float | None, speed: float, goal: tuple[float, float]
+) -> float | None:
+    """In which direction a vehicle sets out for its goal."""
+    if heading is None or can_turn(vehicle, speed):
+        return None
+    towards = math.atan2(goal[1] - position[1], goal[0] - position[0])
+    if can_reverse(vehicle, speed) and math.cos(heading - towards) < 0.0:
+        return math.remainder(heading + math.pi, 2.0 * math.pi)
+    return float(heading)

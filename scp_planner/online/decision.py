@@ -11,9 +11,8 @@ import numpy as np
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
-from scp_planner.online.means import Means, Replan
+from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
-from scp_planner.online.renewal import Renewal
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem

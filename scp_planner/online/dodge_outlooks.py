@@ -10,16 +10,14 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import COURSES
-from scp_planner.online.dodge_worth import WORTH, a_moment, harm, nearness, value_at
+from scp_planner.online.dodge_worth import WORTH, Unrest, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
 from scp_planner.online.tolerances import DIRECTIONLESS
-from scp_planner.online.unrest import Unrest
 from scp_planner.online.vetting import Moment, Stop
-from scp_planner.online.way_left import way_left, way_left_both_ways
+from scp_planner.online.way_left import way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch

@@ -11,13 +11,12 @@ from scp_planner.arrays import Array, Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
-from scp_planner.online.dodge_courses import COURSES, GRADUAL, PROMPT, DodgeProfiles, Profiles
+from scp_planner.online.dodge_courses import COURSES, GRADUAL, PROMPT, DodgeProfiles, Profiles, RampedProfiles
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
 from scp_planner.online.dodges import BORDER, Dodges
 from scp_planner.online.expected_harm import HARM, harms_of_dodges, harms_of_trips
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
-from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
@@ -41,7 +40,6 @@ class EvasionParameters:
 
 
 EVASION = EvasionParameters()
-_SHARES = np.linspace(0.0, 1.0, COURSES.spans + 1)
 
 
 @dataclass(frozen=True)
@@ -256,7 +254,7 @@ class Evasion:
 
     def _dodge(self, moment: Moment, seen: Outlook, number: int, trip: Trip, certificate: Certificate) -> Dodge:
         """One of what is seen, with what is told of it."""
-        speeds = trip.trajectory.drive_at(_SHARES).speed
+        speeds = trip.trajectory.drive_at(np.linspace(0.0, 1.0, COURSES.spans + 1)).speed
         return Dodge(
             trip,
             certificate,

@@ -11,10 +11,9 @@ import numpy as np
 from scp_planner.certificate.verdict import Ends
 from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
-from scp_planner.online.means import Means, Replan
+from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
-from scp_planner.online.renewal import Renewal
 from scp_planner.online.stops import STOPS, fits
 from scp_planner.online.tolerances import TIME
 from scp_planner.online.vetting import Refusal, Stop, Vetted

@@ -14,7 +14,6 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """Units of time of further observation after which foreseen zones are computed; in between, they are interpolated."""
-_STEPS = np.diff(LONGER)
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     coefficients[:, :pieces, :powers] = covariances.coefficients
     coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
     if learnt:
-        slopes = (factors[:, 1:] - factors[:, :-1]) / _STEPS
+        slopes = (factors[:, 1:] - factors[:, :-1]) / np.diff(LONGER)
         coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
     later = np.broadcast_to(now + foresight + longer, (count, len(longer)))
     end = np.full((count, 1), np.inf)

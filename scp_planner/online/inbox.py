@@ -13,13 +13,42 @@ from scp_planner.online import sensor_frames
 from scp_planner.online.clocks import Stamps
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
-from scp_planner.online.updates import Forecast, Update
+from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.motions import GivenMotion, moves, timed
 from scp_planner.scenario.shapes import Shape
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.online import SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import HORIZON
+
+
+@dataclass(frozen=True)
+class Update:
+    obstacle: str  # Its id
+    given: Estimate
+
+    @property
+    def time(self) -> float:
+        return self.given.time
+
+    def at(self, time: float) -> Update:
+        """As if it were of another time, s."""
+        return replace(self, given=changed(self.given, time=time))
+
+    def taken_in(self, obstacles: ObstacleTracks) -> str | None:
+        """Let the obstacles take it in; say what is wrong with it, if it was not used."""
+        return obstacles.update(self.obstacle, self.given) if self.obstacle in obstacles.tracks else None
+
+
+@dataclass(frozen=True)
+class Forecast:
+    obstacle: str  # Its id
+    motion: GivenMotion
+
+    def taken_in(self, obstacles: ObstacleTracks) -> None:
+        """Let the obstacles take it in."""
+        if self.obstacle in obstacles.tracks:
+            obstacles.foretell(self.obstacle, self.motion)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matr
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Later, Pieces, Prediction
 from scp_planner.online.mixtures import Mixture, even
-from scp_planner.online.track import ObstacleTrack
+from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
@@ -166,7 +166,7 @@ def _foretold(
     center, covariance = near.centers[:, 0], near.covariances[:, 0]
     if first is not None and first.bank is not None:
         told = first.bank.foretold
-        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        slots = slots_of(tracks)
         told.put(slots, float(future.breaks[0]), center, covariance)
         if sizing is not None:
             told.kinds[slots] = sizing.kinds

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -15,7 +16,7 @@ from scp_planner.online.following import Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.remaining import State, _guide_from
+from scp_planner.online.remaining import State, _guide_from, remaining_trip
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.plan import PlanStatus
@@ -24,6 +25,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import BRANCHES, WaySearch, ways_in_parts
@@ -242,3 +244,33 @@ def _breakpoints(spans: int, ramped: bool) -> tuple[float, ...]:
     if ramped:
         breaks = np.insert(breaks, 1, np.array(REPLAN.soon) * breaks[1])
     return tuple(float(b) for b in breaks)
+
+
+class Renewal:
+    """The problem of a replan, and what is left of the last trip in it: made when they are asked for."""
+
+    def __init__(self, means: Means, now: Replan, unfinished: Trip | None = None) -> None:
+        self._means, self._now, self.unfinished = means, now, unfinished
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem from the present state to the goal."""
+        problem = self._means.problem(self._now)
+        self._now.lap("problem")
+        return problem
+
+    @cached_property
+    def loop(self) -> ScpLoop:
+        loop = ScpLoop(self.problem, self._means.solver)
+        self._now.lap("problem")
+        return loop
+
+    @cached_property
+    def ahead(self) -> Trajectory | None:
+        return None if self._now.last is None else self.left_of(self._now.last.trip)
+
+    def left_of(self, trip: Trip) -> Trajectory:
+        """Return what is left of a trip in the problem."""
+        left = remaining_trip(self.problem, trip, self._now.moment.state)
+        self._now.lap("problem")
+        return left

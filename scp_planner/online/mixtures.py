@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.slot_states import SlotStates, if_alike
-from scp_planner.online.waves import Swings
+from scp_planner.online.waves import SlotStates, Swings, if_alike
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
 

@@ -17,22 +17,20 @@ from scp_planner.estimation.confidence import marginal_scale, outside_probabilit
 from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
-from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
+from scp_planner.online.alarmed_zones import Alarmed, changes_among
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.given_motions import GivenZones
-from scp_planner.online.histories import remember
 from scp_planner.online.many_zones import Level
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
-from scp_planner.online.settled_tracks import Learnt, SettledTracks
-from scp_planner.online.sorted_tracks import SortedTracks, TrackKind, learns
+from scp_planner.online.settled_tracks import Learnt, SettledTracks, SortedTracks, TrackKind, learns
 from scp_planner.online.suspicions import SUSPICIONS, Allowance, Suspicions
 from scp_planner.online.track import (
     TRACKS,
+    GivenZones,
     NoticingTrack,
     ObstacleTrack,
     PolynomialTrack,
@@ -40,6 +38,8 @@ from scp_planner.online.track import (
     Seen,
     TrackEstimator,
     prior_of,
+    remember,
+    slots_of,
 )
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior

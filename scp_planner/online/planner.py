@@ -21,18 +21,17 @@ from scp_planner.online.arguments import (
     checked_covariance,
     checked_estimate,
     checked_motion,
+    direction,
     speeding,
 )
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
-from scp_planner.online.directions import direction
 from scp_planner.online.following import Following
-from scp_planner.online.inbox import INBOX, Inbox, Sighting
+from scp_planner.online.inbox import INBOX, Forecast, Inbox, Sighting, Update
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
-from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored

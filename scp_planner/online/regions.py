@@ -15,7 +15,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Sizing, times_linear
 from scp_planner.online.noticing import Bank
-from scp_planner.online.track import ObstacleTrack, Seen
+from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -66,7 +66,7 @@ class RegionSizes:
             self._learn_in(first.bank, tracks, seen, every)
 
     def _learn_in(self, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], horizons: range) -> None:
-        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        slots = slots_of(tracks)
         times, positions = np.array([one.time for one in seen]), np.array([one.position for one in seen])
         declared = bank.noise_of(slots)[:, [0, 0, 1], [0, 1, 1]]
         for number in horizons:

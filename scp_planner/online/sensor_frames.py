@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.online.noticing import Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import ObstacleTrack, Seen
+from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
@@ -45,7 +45,7 @@ def _bank_of(track: ObstacleTrack, one: Seen) -> Bank | None:
 
 def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:
     """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
-    slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+    slots = slots_of(tracks)
     times = np.array([one.time for one in seen])
     positions = np.fromiter(chain.from_iterable([one.position for one in seen]), float, 2 * len(seen)).reshape(-1, 2)
     gate = obstacles.watch.gate_probability

@@ -61,7 +61,7 @@ def is_misfit(times: Sequence[float], positions: Sequence[tuple[float, float]], 
     if len(differences) < NOISE.fewest - NEIGHBOURS:
         return False
     doubt = NOISE.sure * NOISE.median_error / math.sqrt(len(differences))
-    return _median(differences) / NOISE.median < 1.0 / (1.0 + doubt)
+    return float(np.median(differences)) / NOISE.median < 1.0 / (1.0 + doubt)
 
 
 class NoiseWatch:
@@ -76,15 +76,8 @@ class NoiseWatch:
         if not len(self._newest):
             return False
         doubt = (NOISE.sure if self.factor == 1.0 else 1.0) * NOISE.median_error / math.sqrt(len(self._newest))
-        ratio = _median(self._newest) / NOISE.median / self.factor
+        ratio = float(np.median(self._newest)) / NOISE.median / self.factor
         if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
             return False
         before, self.factor = self.factor, max(self.factor * ratio, 1.0)
         return self.factor != before
-
-
-def _median(values: Array) -> float:
-    """The median; that of numpy takes three times as long for so few."""
-    half, odd = divmod(len(values), 2)
-    ordered = np.partition(values, half)
-    return float(ordered[half] if odd else 0.5 * (ordered[half] + ordered[:half].max()))

@@ -142,9 +142,7 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     known = (path @ powers) @ inverse  # what the polynomial takes for its own, by Frisch, Waugh and Lovell
     information = np.maximum((path * path).sum(axis=-1) - (known * known).sum(axis=-1), 0.0)
     gradient = path @ residual  # (K, H, 2)
-    least = 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
-    least -= np.hypot(0.5 * (noise[:, 0, 0] - noise[:, 1, 1]), noise[:, 0, 1])
-    prior = (deviation**2 / least)[:, None]  # variance of a change, over that of the noise
+    prior = (deviation**2 / least_variances(noise))[:, None]  # variance of a change, over that of the noise
     variance = prior / (1.0 + prior * information)
     change = gradient * variance[..., None]
     course = np.zeros((*onset.shape, 3))
@@ -169,3 +167,9 @@ def changed_motions(roots: SquareRoots, surely: Suspicions, noise: Array, start:
     mean[:, 0] += roots.origin
     covariance = np.einsum("kij,kab->kiajb", here @ spread @ here.transpose(0, 2, 1), noise)
     return Mixture(mean, covariance, np.zeros((count, 2)), noise)
+
+
+def least_variances(sigma: Array) -> Array:
+    """Smaller eigenvalues of covariances (K, 2, 2)."""
+    mean, half = 0.5 * (sigma[:, 0, 0] + sigma[:, 1, 1]), 0.5 * (sigma[:, 0, 0] - sigma[:, 1, 1])
+    return np.asarray(mean - np.hypot(half, sigma[:, 0, 1]))

@@ -7,12 +7,12 @@ import math
 from abc import ABC, abstractmethod
 from bisect import bisect, bisect_left
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.estimate import estimate_motion, given_prior
 from scp_planner.estimation.least_squares import MotionPrior
@@ -21,17 +21,26 @@ from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.foretold import KEPT, Prediction
-from scp_planner.online.given_motions import GivenZones
 from scp_planner.online.noticing import Bank
 from scp_planner.online.tolerances import LEAST_DEVIATION
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Model
+from scp_planner.scenario.models import Model, Observations
 from scp_planner.scenario.motions import GivenMotion, is_uncertain
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.zone import ThreatZone
+
+
+@dataclass(frozen=True)
+class GivenZones:
+    """Zones of a motion that is given, and what they were made of: many replans ask for the same ones."""
+
+    motion: GivenMotion
+    uncertain: int
+    zones: tuple[ThreatZone, ...]
+
 
 logger = logging.getLogger(__name__)
 
@@ -408,3 +417,21 @@ class ObstacleTrack:
         if given is not None:
             return given
         return None if self.settled else prior_of(newcomers, self.model.order)
+
+
+def remember(track: ObstacleTrack, seen: Observations) -> None:
+    """Put the observations of an obstacle into its track."""
+    each: list[Array | None] = [None] * len(seen.time)
+    if seen.covariance is not None:
+        given = np.array(seen.covariance)
+        given = 0.5 * (given + given.swapaxes(-1, -2))  # but for rounding it is the same
+        if given.ndim == 3:
+            track.varying, each = True, list(given)
+        else:
+            track.covariance = given
+    track.times, track.positions, track.covariances = list(seen.time), list(seen.position), each
+
+
+def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
+    """Slots of tracks that are in a bank."""
+    return np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)

@@ -10,7 +10,7 @@ from scenes import scene
 
 import scp_planner as sp
 from scp_planner.certificate.ends import EndState, can_reverse, start_violations
-from scp_planner.online.directions import can_turn, direction
+from scp_planner.online.arguments import can_turn, direction
 from scp_planner.online.planner import Planner
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
