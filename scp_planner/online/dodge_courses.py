@@ -181,16 +181,16 @@ class Courses:
     bend: Bend = GRADUAL
 
     @classmethod
-    def straight(cls, ahead: float) -> Courses:
-        """Return those of a vehicle with a free heading; the first leads ahead, rad."""
+    def straight(cls) -> Courses:
+        """Return those of a vehicle with a free heading; the first leads ahead."""
         many = COURSES.directions
-        return cls(ahead + 2.0 * np.pi * np.arange(many) / many, np.zeros(many))
+        return cls(2.0 * np.pi * np.arange(many) / many, np.zeros(many))
 
     @classmethod
-    def bent(cls, ahead: float) -> Courses:
+    def bent(cls) -> Courses:
         """Return those of such a vehicle that turn later."""
         many, bend = COURSES.bent_directions, np.radians(COURSES.bend)
-        return cls(np.tile(ahead + 2.0 * np.pi * np.arange(many) / many, 2), np.repeat([bend, -bend], many))
+        return cls(np.tile(2.0 * np.pi * np.arange(many) / many, 2), np.repeat([bend, -bend], many))
 
     @classmethod
     def turning(cls, heading: float, bend: Bend = GRADUAL) -> Courses:

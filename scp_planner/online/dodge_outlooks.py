@@ -40,7 +40,6 @@ class Outlook:
     clear: Array  # (C,)
     leaves: Array  # (C,) From when on each keeps clear until it is over, s from now; inf for those that never do
     now: Array  # (C,)
-    soon: Array  # (C,)
     then: Array  # (C,)
     worth: Array  # (C,)
 
@@ -85,11 +84,9 @@ class DodgeOutlooks:
         lasts = WORTH.patience * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
-    def of(self, moment: Moment, dodges: Dodges, near: Index | None = None) -> Outlook:
+    def of(self, moment: Moment, dodges: Dodges, near: Index) -> Outlook:
         """Return what is seen of dodges among the zones of a moment."""
         vehicle = moment.scenario.vehicle
-        if near is None:
-            near = dodges.within_reach(moment.batch, vehicle)
         sizes, period = (WHOLE, Size(latest=self._growing)), self._means.vetting.period
         room, judged = dodges.rooms(moment.batch, self.box(moment), vehicle, period, near, sizes)
         seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room, judged)
@@ -154,7 +151,7 @@ class DodgeOutlooks:
         closer = self._closer(moment, driven.times, driven.position, judged)
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
         worth -= WORTH.lost * self._way_lost(moment, driven)
-        return Outlook(least, room, clear, leaves, left[0], left[1], left[2], worth)
+        return Outlook(least, room, clear, leaves, left[0], left[2], worth)
 
     def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
         """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""

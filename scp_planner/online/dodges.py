@@ -11,7 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import COURSES, GRADUAL, Bend, Courses, DodgeProfiles
+from scp_planner.online.dodge_courses import COURSES, Bend, Courses, DodgeProfiles
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
@@ -30,7 +30,7 @@ class DodgeParameters:
     path_pieces: tuple[int, ...] = (4, 8, 16)
     exact_within: float = 0.1  # Units of length. Distances to outlines beyond this need not be exact
     together: int = 16_000  # Samples of dodges, times zones, whose distances are computed together
-    path_degree: int = 3
+    path_degree: int = 3  # Of the splines of a path that turns
 
 
 DODGES = DodgeParameters()
@@ -164,20 +164,19 @@ class Dodges:
         cls,
         heading: float | None,
         profiles: DodgeProfiles,
-        ahead: float,
         limits: Limits,
         radius: float,
         wait: float,
-        both_ways: bool = False,
-        bend: Bend = GRADUAL,
+        both_ways: bool,
+        bend: Bend,
     ) -> Dodges:
         """Return the dodges of a vehicle."""
         families: tuple[Family, ...]
         if heading is None:
             late, turning_at = profiles.last(COURSES.bent_profiles), COURSES.bend_time * 2.0 * radius / limits.speed
             families = (
-                Family.of(Courses.straight(ahead), profiles, limits, radius, 0.0),
-                Family.of(Courses.bent(ahead), late, limits, radius, turning_at),
+                Family.of(Courses.straight(), profiles, limits, radius, 0.0),
+                Family.of(Courses.bent(), late, limits, radius, turning_at),
             )
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
@@ -212,19 +211,10 @@ class Dodges:
             number -= family.size
         raise IndexError(f"there is no dodge {number}")
 
-    def room(
-        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float = 0.0, near: Index | None = None
-    ) -> Room:
-        """Look how far the vehicle keeps from all zones, and from the border of the workspace."""
-        if near is None:
-            near = self.within_reach(batch, vehicle)
-        (room,) = self.rooms(batch, box, vehicle, unseen, near, (WHOLE,))
-        return room
-
     def rooms(
         self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
     ) -> list[Room]:
-        """Look how far it keeps from some zones of which ellipses are of such sizes; see :meth:`room`."""
+        """Distances to some zones, of which ellipses are of such sizes, and to the border of the workspace."""
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
         zones, shaped = batch.subset(rounds), [_of_size(batch.subset(others), size) for size in sizes]

@@ -101,7 +101,7 @@ class Evasion:
 
     def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
         """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops."""
-        view = self._with_time_for(now, EVASION.harm_takes)
+        view = self._with_time_for_harm(now)
         moment, confidence = now.moment, self._means.given.confidence
         times, standing = view.dodges.times, HARM.standing
         if not self._means.gives_way_late:
@@ -221,9 +221,9 @@ class Evasion:
             self._each = max(EVASION.pace_kept * self._each, (now.clock - begin) / pairs)
         return seen
 
-    def _with_time_for(self, now: Replan, looks: float) -> _SeenDodges:
+    def _with_time_for_harm(self, now: Replan) -> _SeenDodges:
         view = self._looked(now)
-        if not view.hurried and now.late_after(looks * self._each * view.pairs):
+        if not view.hurried and now.late_after(EVASION.harm_takes * self._each * view.pairs):
             few = view.dodges.few(now.moment.batch.size, EVASION.hurried)
             if few is not view.dodges:
                 seen = self._seen(now, few, view.near)
@@ -242,7 +242,7 @@ class Evasion:
         )
         both_ways = can_reverse(vehicle, state.speed)
         bend = PROMPT if vehicle.max_curvature_rate is None else GRADUAL
-        return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways, bend)
+        return Dodges.of(heading, profiles, limits, vehicle.radius, wait, both_ways, bend)
 
     def _soon(self, moment: Moment) -> float:
         return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)

@@ -35,15 +35,6 @@ class Prediction:
     errors: ErrorLaw
     later: Later | None = None  # For predictions of times far ahead
 
-    def at(self, time: float) -> tuple[Array, Array]:
-        if self.later is not None:
-            return self.later.centers.grid(np.array([time]))[0, 0], self.later.covariances.grid(np.array([time]))[0, 0]
-        return self._soon(time)
-
-    def _soon(self, time: float) -> tuple[Array, Array]:
-        powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
-        return powers[: len(self.center)] @ self.center, powers[: len(self.covariance)] @ self.covariance
-
     def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
         """Probability to see something as far away as a position, or farther, at a time."""
         square = self.square(time, position, noise)
@@ -51,9 +42,9 @@ class Prediction:
 
     def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
         """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
-        center, covariance = self._soon(time)
-        x, y = np.asarray(position) - center
-        xx, xy, yy = covariance + noise[[0, 0, 1], [0, 1, 1]]
+        powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
+        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
+        xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
         if determinant <= 0.0 or xx <= 0.0:
             return None  # far from its origin, as for what comes very late, the polynomial is no covariance

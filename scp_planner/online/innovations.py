@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array, Reals
-from scp_planner.settings.online import RARE
 
 
 @dataclass(frozen=True)
@@ -53,11 +52,8 @@ def cut(innovations: Array) -> Array:
     return found
 
 
-def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) -> Reals:
-    return larger_of(trends_of(x, y), squares, probability)
-
-
 def larger_of(trends: Reals, squares: Reals, probability: float) -> Reals:
+    """Test statistics of windows by their trends and sizes: an alarm, of a probability, above 1."""
     sizes: Reals = _members(squares.dtype, probability) @ squares
     return np.maximum(sizes, trends / (-2.0 * math.log(probability)), out=sizes)  # a float leaves 32 bits what they are
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array, Index, Mask, Reals
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
-from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of, windows_of
+from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of
 from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.online.suspicions import Sightings
@@ -340,7 +340,7 @@ class Bank:
         most = len(slots) < end - first < 2 * len(slots) and bool((begin == begin[0]).all())
         places = _Places(slice(first, end), int(begin[0])) if most else _Places.of(where, begin)
         x, y, squares = places.rows(self._filters_cut)
-        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
+        holds = larger_of(trends_of(x, y), squares, self.alarm_probability).max(axis=-2) <= 1.0
         return holds[:, slots - first] if most else holds
 
     def weave(self, slots: Index) -> Mask:

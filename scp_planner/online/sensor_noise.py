@@ -17,7 +17,7 @@ class NoiseParameters:
     newest: int = 512  # Newest third differences that the noise is estimated from
     # Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough
     sure: float = 4.0
-    fewest: int = 12  # Newest measurements of one obstacle from which a change of its motion is found
+    fewest: int = 12  # Fewest measurements of one obstacle from which a change of its motion is found
     most: int = 64  # Newest measurements that are looked at for that
     exact: float = 10.0  # Least standard deviations that are used, up to which residuals are no sign of another motion
     median: float = 1.3862943611198906  # Of chi-square with 2 degrees of freedom
