@@ -93,7 +93,7 @@ def _driven(data: Data) -> tuple[sp.Planner, float]:
             elif odd == "forgotten" and step >= 0 and name == names[-1]:
                 planner.update_motion(name, {"position": place})
             else:
-                late = odd == "leading" or (odd == "stamped" and step % 20 == 10)
+                late = odd == "leading" or (odd == "stamped" and step in (10, 30))
                 planner.observe(name, time + data["ahead"] * late, place)
         if step < 0:
             continue
