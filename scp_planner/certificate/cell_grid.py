@@ -9,10 +9,8 @@ from math import ceil, floor, sqrt
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.certificate.fastest_drive import ROUNDING
+from scp_planner.certificate.tolerances import CELL_EDGE, ROUNDING
 from scp_planner.scenario.limits import Box
-
-EDGE = 1e-9  # of a cell
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class CellGrid:
 
     def windows(self, back: Array, half: Array) -> list[Window]:
         """Windows that begin at or before x = back (n,) m, and hold all rows between y = -half and half, m."""
-        column = np.floor((back - self.origin[0]) / self.cell[0] - EDGE)
+        column = np.floor((back - self.origin[0]) / self.cell[0] - CELL_EDGE)
         column = np.clip(column, 0, self.columns - 1).astype(np.intp)
         # No row is lost by rounding
         first = np.floor((-half - self.origin[1]) / self.cell[1]) - 1.0
@@ -82,8 +80,8 @@ class CellGrid:
         lines = self.lines[window.row : window.row + window.rows + 1]
         away = np.clip(center[1], lines[:-1], lines[1:]) - center[1]
         half = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE) - window.column
-        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE) - window.column
+        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - CELL_EDGE) - window.column
+        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + CELL_EDGE) - window.column
         last[np.abs(away) > radius] = -1.0
         begin = np.clip(begin, 0, self.stride).astype(np.int32)
         last = np.clip(last, -1, self._columns_of(window) - 1).astype(np.int32)
@@ -120,8 +118,8 @@ class CellGrid:
         left = np.where(crossed, x, np.inf).min(axis=2)
         right = np.where(crossed, x, -np.inf).max(axis=2)
         # A cell lies in a convex polygon if both lines that bound its row do so at both of its ends.
-        begin = np.ceil((np.maximum(left[:, :-1], left[:, 1:]) - self.origin[0]) / self.cell[0] + EDGE)
-        end = np.floor((np.minimum(right[:, :-1], right[:, 1:]) - self.origin[0]) / self.cell[0] - EDGE)
+        begin = np.ceil((np.maximum(left[:, :-1], left[:, 1:]) - self.origin[0]) / self.cell[0] + CELL_EDGE)
+        end = np.floor((np.minimum(right[:, :-1], right[:, 1:]) - self.origin[0]) / self.cell[0] - CELL_EDGE)
         begin, end = np.clip(begin, 0, self.columns), np.clip(end, 0, self.columns)
         which, place = np.nonzero((end > begin) & (line[:, :-1] < self.rows))
         return (
@@ -153,4 +151,4 @@ def widths(distance: float, length: float, width: float) -> tuple[int, ...]:
     """By how many columns a step leads at most, in rows from the farthest that it leads to."""
     rows = floor(distance / width) + 1
     gaps = (max(row - 1, 0) * width for row in range(rows, -1, -1))
-    return tuple(floor(sqrt(max(distance**2 - gap**2, 0.0)) / length + EDGE) + 1 for gap in gaps)
+    return tuple(floor(sqrt(max(distance**2 - gap**2, 0.0)) / length + CELL_EDGE) + 1 for gap in gaps)

@@ -13,16 +13,9 @@ from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leav
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
+from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
 from scp_planner.certificate.trip_ends import begins_beside, ends_broken
-from scp_planner.certificate.verdict import (
-    BEYOND_ZONES,
-    CLEARANCE_TOLERANCE,
-    POSITION_TOLERANCE,
-    Certificate,
-    Clearance,
-    Ends,
-    Violation,
-)
+from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, Ends, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
@@ -163,7 +156,7 @@ def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     if not kept.violations:
         return Certificate(True, kept.clearance, motion.limits)
     begun = checked.absolute(checked.first)
-    if all(one.value < -CLEARANCE_TOLERANCE and one.time >= begun for one in kept.violations):
+    if all(one.value < -LENGTH_TOLERANCE and one.time >= begun for one in kept.violations):
         return Certificate(False, kept.clearance, motion.limits, kept.violations)
     return None
 
@@ -183,9 +176,9 @@ def _is_anywhere(trip: Trip) -> Violation | None:
     """Violation by a trip whose positions are not known well enough: one with a cusp, or absurd curvature."""
     path = trip.trajectory.path
     error = path.space.guide.error + path.exact.error
-    if error <= POSITION_TOLERANCE:
+    if error <= LENGTH_TOLERANCE:
         return None
-    return Violation("error of the positions", error, POSITION_TOLERANCE, trip.frame.time)
+    return Violation("error of the positions", error, LENGTH_TOLERANCE, trip.frame.time)
 
 
 def _goes_beyond(checked: CheckedTrip, zones: Sequence[ThreatZone]) -> Violation | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosure, Pieces
+from scp_planner.certificate.tolerances import REPORT_PRECISION, SHORTEST_CHECK
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.pauses import look_at_the_clock
@@ -17,13 +18,18 @@ from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-REPORT_PRECISION = 1e-3  # units of length; see Scope
-INTERVALS = 192  # at the first level, at most, besides those between knots
-FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
-FINER = 2.0  # times as many, where the clearance is wanted closely: that mostly spares quartering them
-FEWEST_INTERVALS = 16
-SHORTEST = 1e-9  # normalised time that is checked
-_NO_KNOTS = np.zeros(0)
+
+@dataclass(frozen=True)
+class FirstPieces:
+    """Number and width of the pieces of time that a check begins with."""
+
+    intervals: int = 192  # at the first level, at most, besides those between knots
+    width: float = 0.04  # units of time, of shorter trips' intervals at the first level
+    finer: float = 2.0  # times as many, where the clearance is wanted closely: that mostly spares quartering them
+    fewest: int = 16
+
+
+FIRST_PIECES = FirstPieces()
 
 
 @dataclass(frozen=True)
@@ -68,10 +74,10 @@ class CheckedTrip:
         first, last, start_speed = 0.0, 1.0, scenario.start.speed
         begin, duration = trip.frame.time, trip.trajectory.travel_time
         if scope.since is not None:
-            first = min(max((scope.since - begin) / duration, 0.0), 1.0 - SHORTEST)
+            first = min(max((scope.since - begin) / duration, 0.0), 1.0 - SHORTEST_CHECK)
             start_speed = trip.trajectory.space.start_speed
         if scope.until is not None:
-            last = min(max((scope.until - begin) / duration, first + SHORTEST), 1.0)
+            last = min(max((scope.until - begin) / duration, first + SHORTEST_CHECK), 1.0)
         return cls(scenario, trip, batch, first, last, start_speed, scope.tube, scope.deadline)
 
     def go_on(self) -> None:
@@ -100,8 +106,8 @@ class CheckedTrip:
         stride = 1 if cells else CELLS_PER_SPAN
         knots = trajectory.path.exact.at(space.tables.station_parameters[stride:-1:stride])
         duration = (self.last - self.first) * trajectory.travel_time
-        finer = FINER if np.isfinite(precision) else 1.0
-        count = int(finer * min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
+        finer = FIRST_PIECES.finer if np.isfinite(precision) else 1.0
+        count = int(finer * min(max(duration / FIRST_PIECES.width, FIRST_PIECES.fewest), FIRST_PIECES.intervals))
         inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self.zone_knots()])
         inner = inner[(inner > self.first) & (inner < self.last)]
         edges = np.concatenate([np.linspace(self.first, self.last, count + 1), inner])
@@ -114,7 +120,7 @@ class CheckedTrip:
         pieces = [part for part in (batch.centers, batch.covariances, batch.own_directions) if part is not None]
         several = [part.instants for part in pieces if part.breakpoints.shape[1] > 2]
         if not several:
-            return _NO_KNOTS
+            return np.zeros(0)
         knots = several[0] if len(several) == 1 else np.unique(np.concatenate(several))
         knots = knots / self.trajectory.travel_time
         return knots[(knots > 0.0) & (knots < 1.0)]

@@ -9,17 +9,26 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.enclosures import Enclosure, Pieces
-from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, Clearance, Violation
+from scp_planner.certificate.tolerances import END_TOLERANCE, LENGTH_TOLERANCE
+from scp_planner.certificate.verdict import Clearance, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import DistanceBounds, MovingPoint, ZoneBounds
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
 
-MAX_HALVINGS = 22
-MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
-MANY_ZONES = 32  # more than these are first searched for those that can matter
-PAIRS_AT_ONCE = 2**15  # of them whose distances are bounded closely
-FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
+
+@dataclass(frozen=True)
+class ClearanceEffort:
+    """Most work that is done to bound a clearance."""
+
+    max_halvings: int = 22
+    most_pieces: int = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
+    many_zones: int = 32  # more than these are first searched for those that can matter
+    pairs_at_once: int = 2**15  # of them whose distances are bounded closely
+    first_pairs: int = 8  # of intervals and zones, with which the least clearance is looked for
+
+
+EFFORT = ClearanceEffort()
 _SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # normals of the workspace, to the inside
 
 
@@ -75,7 +84,7 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
     batch, trajectory = checked.batch, checked.trajectory
     # Of polygons that stand the bound to begin with is hardly dearer than these.
     standing = 0 if batch.ground is None else len(batch.ground.zones)
-    if batch.size - standing <= MANY_ZONES:
+    if batch.size - standing <= EFFORT.many_zones:
         return batch
     top = max(float(trajectory.speed_control_points().max()), 0.0)
     ahead = max(map(abs, checked.scenario.vehicle.discs))
@@ -138,7 +147,7 @@ class _Search:
         place, zone = divmod(int(np.argmin(crude)), self.batch.size)
         nearest, enough = _Nearest(np.inf, float(pieces.middle[place]), zone), 0.0
         if np.isfinite(self.precision):
-            some = np.argsort(crude, axis=None)[:FIRST_PAIRS]
+            some = np.argsort(crude, axis=None)[: EFFORT.first_pairs]
             interval, zones = np.divmod(some, self.batch.size)
             value = ZoneBounds(self.batch).fine(zones, interval, disc.center).value - disc.off[interval]
             worst = int(np.argmin(value))
@@ -151,7 +160,7 @@ class _Search:
     def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
         """Quarter pieces on which a zone's bound does not decide, until all are decided or one is touched."""
         disc = self.disc
-        for _ in range(MAX_HALVINGS // 2):
+        for _ in range(EFFORT.max_halvings // 2):
             if not len(left.interval):
                 return _Bound(certified, nearest)
             bound = self._fine(left, disc)
@@ -160,7 +169,7 @@ class _Search:
             value = float(values[worst])
             if value < nearest.distance:
                 nearest = _Nearest(value, float(pieces.middle[left.interval[worst]]), int(left.zone[worst]))
-            if not nearest.distance >= -CLEARANCE_TOLERANCE:
+            if not nearest.distance >= -LENGTH_TOLERANCE:
                 return _Bound(nearest.distance, nearest)
             if not np.isfinite(value):
                 break
@@ -171,7 +180,7 @@ class _Search:
             if done.all():
                 return _Bound(certified, nearest)
             open_pieces, inverse = np.unique(left.interval[~done], return_inverse=True)
-            if len(open_pieces) > MOST_PIECES:
+            if len(open_pieces) > EFFORT.most_pieces:
                 break
             keep = np.zeros(len(pieces.middle), dtype=bool)
             keep[open_pieces] = True
@@ -184,12 +193,12 @@ class _Search:
     def _fine(self, left: _Open, disc: VehicleDisc) -> DistanceBounds:
         """Bound the distances of pairs, so many at a time as take little memory and time."""
         bounds, count = ZoneBounds(self.batch), len(left.zone)
-        if count <= PAIRS_AT_ONCE:
+        if count <= EFFORT.pairs_at_once:
             return bounds.fine(left.zone, left.interval, disc.center)
         value, lower = np.empty(count), np.empty(count)
-        for begin in range(0, count, PAIRS_AT_ONCE):
+        for begin in range(0, count, EFFORT.pairs_at_once):
             self.checked.go_on()
-            some = slice(begin, begin + PAIRS_AT_ONCE)
+            some = slice(begin, begin + EFFORT.pairs_at_once)
             part = bounds.fine(left.zone[some], left.interval[some], disc.center)
             value[some], lower[some] = part.value, part.lower
         return DistanceBounds(value, lower)
@@ -213,7 +222,7 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc) -> Vi
     radius = checked.scenario.vehicle.radius
     offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
     at = 0.0
-    for _ in range(MAX_HALVINGS):
+    for _ in range(EFFORT.max_halvings):
         center = disc.center
         inside = frame.to_world(center.position) @ _SIDES.T - offsets - disc.off[:, None]
         slope = np.abs(frame.vectors_to_world(center.velocity) @ _SIDES.T)

@@ -6,17 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, dist, pi, remainder, sin
 
-from scp_planner.certificate.verdict import (
-    ARRIVAL_TOLERANCE,
-    CLEARANCE_TOLERANCE,
-    EARLIEST,
-    END_TOLERANCE,
-    GOAL_SPEED_TOLERANCE,
-    LATEST,
-    OFF_STEP,
-    Violation,
-    off_a_step,
-)
+from scp_planner.certificate.tolerances import ARRIVAL_TOLERANCE, END_TOLERANCE, GOAL_SPEED_TOLERANCE, LENGTH_TOLERANCE
+from scp_planner.certificate.verdict import EARLIEST, LATEST, OFF_STEP, Violation, off_a_step
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.planar import distance_to_polygon
 from scp_planner.scenario.goals import distance_outside
@@ -71,7 +62,7 @@ def beside_corridor(scenario: Scenario, time: float, position: Point, heading: f
     for offset in scenario.vehicle.discs:
         centre = _ahead(position, heading, offset)
         beside = min(distance_to_polygon(centre, polygon) for polygon in scenario.corridor)
-        if beside > CLEARANCE_TOLERANCE:
+        if beside > LENGTH_TOLERANCE:
             return Violation("clearance", -beside, 0.0, time, corridor.NAME)
     return None
 

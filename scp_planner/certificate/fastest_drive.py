@@ -7,13 +7,9 @@ from math import sqrt
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.verdict import END_TOLERANCE, GOAL_SPEED_TOLERANCE
+from scp_planner.certificate.tolerances import GOAL_SPEED_TOLERANCE, ROUNDING, SPEED_ROUNDING
 from scp_planner.scenario.models import Scenario
 
-ROUNDING = (
-    2.0 * END_TOLERANCE
-)  # of lengths and speeds, in natural units; what is certified keeps its ends to END_TOLERANCE
-SPEED_ROUNDING = 1e-8  # relative
 LONGEST_STEP = 0.25  # units of time between instants, before the vehicle is fast
 
 

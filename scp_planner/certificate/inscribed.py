@@ -7,14 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.certificate.tolerances import NORMAL_OFFSET
 from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.frames import directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.threat_zones.batch import ZoneBatch
 
 CORNERS = 48  # of the polygon inside each zone
-BESIDE = 1e-9  # rad
-LEAST_DIVISOR = 1e-300
 
 
 def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
@@ -48,7 +47,8 @@ def _directions(outline: Outline | None) -> Array:
     angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     if outline is not None and outline.vertices is not None:
         normals = np.arctan2(outline.normals[:, 1], outline.normals[:, 0])
-        angles = np.concatenate([angles, (normals - BESIDE) % (2.0 * np.pi), (normals + BESIDE) % (2.0 * np.pi)])
+        beside = [(normals - NORMAL_OFFSET) % (2.0 * np.pi), (normals + NORMAL_OFFSET) % (2.0 * np.pi)]
+        angles = np.concatenate([angles, *beside])
     angles = np.sort(angles)
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
@@ -66,7 +66,6 @@ def _ellipse_points(matrix: Array, directions: Array) -> Array:
     """The points A nu / sqrt(nu' A nu) of ellipses, A = (..., 3) m^2, farthest in directions nu (..., 2)."""
     xx, xy, yy = np.moveaxis(matrix, -1, 0)
     x, y = directions[..., 0], directions[..., 1]
-    return (
-        np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1)
-        / np.maximum(support(matrix, directions), LEAST_DIVISOR)[..., None]
-    )
+    # 1e-300 against a division by 0, of an ellipse that is a point
+    least = np.maximum(support(matrix, directions), 1e-300)
+    return np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1) / least[..., None]

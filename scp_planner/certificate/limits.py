@@ -9,7 +9,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.checked_trip import CheckedTrip, Finding
 from scp_planner.certificate.enclosures import Enclosure, Pieces
-from scp_planner.certificate.verdict import END_TOLERANCE, RELATIVE_TOLERANCE, LimitUse
+from scp_planner.certificate.tolerances import END_TOLERANCE, RELATIVE_TOLERANCE
+from scp_planner.certificate.verdict import LimitUse
 from scp_planner.mathematics.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.places import Stretch, stretches

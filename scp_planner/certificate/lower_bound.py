@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
-from scp_planner.certificate.fastest_drive import ROUNDING, SPEED_ROUNDING
-from scp_planner.certificate.relaxation import CELLS, FEW_CELLS, SOME_CELLS, NotDecided, Relaxation
+from scp_planner.certificate.relaxation import SIZE, NotDecided, Relaxation
+from scp_planner.certificate.tolerances import ROUNDING, SPEED_ROUNDING
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
@@ -17,10 +18,18 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 
-PRECISION = 1e-3  # relative, to which the bound is found
-FIRST_STEP = 0.99  # of this precision: what is possible after it is near enough
-GROWTH = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
-"""Times the kinematic bound: how long trips are looked for, until there may be one."""
+
+@dataclass(frozen=True)
+class Bisection:
+    """Precision and steps of the search for a lower bound."""
+
+    precision: float = 1e-3  # relative, to which the bound is found
+    first_step: float = 0.99  # of this precision: what is possible after it is near enough
+    # Times the kinematic bound: how long trips are looked for, until there may be one
+    growth: tuple[float, ...] = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
+
+
+BISECTION = Bisection()
 
 
 def kinematic_bound(scenario: Scenario) -> float:
@@ -104,17 +113,17 @@ class _Bisection:
             at_most = self._first_possible()
         if at_most is None:
             return
-        precision = PRECISION * self.least
+        precision = BISECTION.precision * self.least
         # More cells exclude hardly more: it is looked for from below, in steps that grow.
-        for cells, step in ((SOME_CELLS, np.inf), (CELLS, FIRST_STEP * precision)):
+        for cells, step in ((SIZE.some_cells, np.inf), (SIZE.cells, BISECTION.first_step * precision)):
             if at_most - self.excluded > precision:
                 self._narrow(at_most, cells, step)
 
     def _first_possible(self) -> float | None:
         """A duration that cannot be excluded, s; None if there is none that is looked at."""
-        for growth in GROWTH:
+        for growth in BISECTION.growth:
             longest = growth * self.least
-            if self._relaxation(longest, SOME_CELLS).possible(longest):
+            if self._relaxation(longest, SIZE.some_cells).possible(longest):
                 return longest
             self.excluded = longest
         return None
@@ -122,7 +131,7 @@ class _Bisection:
     def _narrow(self, longest: float, cells: int, step: float) -> None:
         """Exclude what can be excluded below a duration, with so many cells: by halves, or by steps that double."""
         relaxation = self._relaxation(longest, cells)
-        while longest - self.excluded > PRECISION * self.least:
+        while longest - self.excluded > BISECTION.precision * self.least:
             duration = min(0.5 * (self.excluded + longest), self.excluded + step)
             if relaxation.possible(duration):
                 longest = duration
@@ -147,7 +156,7 @@ def no_trip_within(
     found = tuple(zone.inside(units) for zone in threat_zones)
     longest = travel_time / units.time
     try:
-        return not Relaxation(inside, found, longest, FEW_CELLS, deadline).possible(longest)
+        return not Relaxation(inside, found, longest, SIZE.few_cells, deadline).possible(longest)
     except NotDecided:
         return False
 

@@ -12,24 +12,16 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.cell_grid import CellGrid, Window
-from scp_planner.certificate.fastest_drive import LONGEST_STEP, ROUNDING, Speeds
+from scp_planner.certificate.fastest_drive import LONGEST_STEP, Speeds
 from scp_planner.certificate.inscribed import polygons_inside
-from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
+from scp_planner.certificate.tolerances import ALIGNED, ARRIVAL_TOLERANCE, ROUNDING
+from scp_planner.certificate.verdict import off_a_step
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
-
-ALIGNED = 1.0 - 1e-6  # of a step that moves by whole cells
-CELLS = 350_000  # at most, at an instant on average
-SOME_CELLS = 90_000  # for what a coarse look can exclude
-FEW_CELLS = 60_000  # for an answer in hundredths of a second
-MOST_WORK = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
-QUICK_WORK = 1e8  # the same of a quick proof
-OFFSETS = 33  # at how far from the line a trip may be
-ZONE_WORK = 1000  # cells that cost as much as a zone
 
 
 @dataclass(frozen=True)
@@ -41,20 +33,34 @@ class _Resolution:
     rows: int
 
 
-RESOLUTIONS = (
-    _Resolution(0.1, 64, 64),
-    _Resolution(0.1, 64, 48),
-    _Resolution(0.1, 64, 32),
-    _Resolution(0.1, 64, 24),
-    _Resolution(0.1, 64, 16),
-    _Resolution(0.1, 64, 12),
-    _Resolution(0.1, 48, 8),
-    _Resolution(0.15, 32, 8),
-    _Resolution(0.2, 24, 6),
-    _Resolution(0.3, 16, 5),
-    _Resolution(0.5, 16, 4),
-    _Resolution(1.0, 12, 4),
-)
+@dataclass(frozen=True)
+class RelaxationSize:
+    """Size of relaxations: cells, instants and work."""
+
+    cells: int = 350_000  # at most, at an instant on average
+    some_cells: int = 90_000  # for what a coarse look can exclude
+    few_cells: int = 60_000  # for an answer in hundredths of a second
+    most_work: float = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
+    quick_work: float = 1e8  # the same of a quick proof
+    offsets: int = 33  # at how far from the line a trip may be
+    zone_work: int = 1000  # cells that cost as much as a zone
+    resolutions: tuple[_Resolution, ...] = (
+        _Resolution(0.1, 64, 64),
+        _Resolution(0.1, 64, 48),
+        _Resolution(0.1, 64, 32),
+        _Resolution(0.1, 64, 24),
+        _Resolution(0.1, 64, 16),
+        _Resolution(0.1, 64, 12),
+        _Resolution(0.1, 48, 8),
+        _Resolution(0.15, 32, 8),
+        _Resolution(0.2, 24, 6),
+        _Resolution(0.3, 16, 5),
+        _Resolution(0.5, 16, 4),
+        _Resolution(1.0, 12, 4),
+    )
+
+
+SIZE = RelaxationSize()
 
 
 class NotDecided(Exception):
@@ -69,7 +75,7 @@ class Relaxation:
         scenario: Scenario,
         threat_zones: tuple[ThreatZone, ...],
         longest: float,
-        cells: int = CELLS,
+        cells: int = SIZE.cells,
         deadline: float = np.inf,
     ) -> None:
         self.deadline = deadline
@@ -111,20 +117,20 @@ class Relaxation:
             ]
             low, high = np.maximum(low, np.min(corners, axis=0)), np.minimum(high, np.max(corners, axis=0))
         low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
-        work = QUICK_WORK if cells == FEW_CELLS else MOST_WORK
-        for resolution in RESOLUTIONS:
+        work = SIZE.quick_work if cells == SIZE.few_cells else SIZE.most_work
+        for resolution in SIZE.resolutions:
             step = self.speeds.top * resolution.time
             cell = np.array([step / resolution.columns, step / resolution.rows])
             room = 2 * resolution.columns + 4  # to both sides, and as far as a window moves
             window = ceil((longest - self.distance + ROUNDING) / cell[0]) + 3
-            driven = np.linspace(0.0, self._most_driven, OFFSETS)
+            driven = np.linspace(0.0, self._most_driven, SIZE.offsets)
             aside = np.minimum(self._aside(driven), 0.5 * (high[1] - low[1]))
             rows = float(np.mean(2.0 * aside)) / cell[1] + 4.0
             count = rows * (min((high[0] - low[0]) / cell[0] + 4.0, window) + room)
             if count <= cells:
                 break
         instants = self.speeds.duration / LONGEST_STEP + longest / step
-        if instants * (count + ZONE_WORK * zones) > work:
+        if instants * (count + SIZE.zone_work * zones) > work:
             raise NotDecided
         return CellGrid(low, high, cell, room, window), ALIGNED * step
 

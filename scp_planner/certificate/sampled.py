@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 
@@ -17,16 +18,14 @@ from scp_planner.certificate.ends import (
     start_violations,
 )
 from scp_planner.certificate.sampled_pieces import Parts, PieceVelocities, first_parts
-from scp_planner.certificate.verdict import (
-    BEYOND_ZONES,
-    CLEARANCE_TOLERANCE,
+from scp_planner.certificate.tolerances import (
     END_TOLERANCE,
+    LENGTH_TOLERANCE,
     RELATIVE_TOLERANCE,
-    Certificate,
-    Clearance,
-    LimitUse,
-    Violation,
+    REPORT_PRECISION,
+    STANDING_TURN,
 )
+from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, LimitUse, Violation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
@@ -40,12 +39,18 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.sampled_motion import EndVelocity, SampledMotion, velocities
 from scp_planner.trips.samples import SampledTrajectory
 
-PRECISION = 1e-3  # units of length: by how much the reported clearance may be below the true one
-MOST_HALVINGS = 40  # of a piece; then it is at a distance that no halving decides
-MOST_PARTS = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
-MOST_PAIRS = 1_000_000  # of parts and zones that are looked at together
-FIRST_PAIRS = 8  # with which the least clearance is looked for
-STANDING_TURN = 1e-3  # rad; by so much a direction in which a vehicle moves off may miss its heading, by interpolation
+
+@dataclass(frozen=True)
+class SampledEffort:
+    """Most work that is done to check a motion given by samples."""
+
+    most_halvings: int = 40  # of a piece; then it is at a distance that no halving decides
+    most_parts: int = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
+    most_pairs: int = 1_000_000  # of parts and zones that are looked at together
+    first_pairs: int = 8  # with which the least clearance is looked for
+
+
+EFFORT = SampledEffort()
 
 
 def certify_samples(
@@ -219,7 +224,7 @@ class _SampledCheck:
         """The speed wherever the vehicle may be in a stretch of a line."""
         allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
         parts, best, when = self._parts, 0.0, float(self.motion.begin[0])
-        for _ in range(MOST_HALVINGS):
+        for _ in range(EFFORT.most_halvings):
             disc = self.pieces.disc(parts, 0.0)
             speed, half = np.hypot(*disc.velocity.T), disc.half
             fastest = speed + disc.acceleration * half
@@ -246,7 +251,7 @@ class _SampledCheck:
         normals = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius + self._turned(offset)
         parts, least, when = self._parts, 0.0, 0.0
-        for _ in range(MOST_HALVINGS):
+        for _ in range(EFFORT.most_halvings):
             disc = self.pieces.disc(parts, offset)
             half = disc.half[:, None]
             inside = disc.position @ normals.T - offsets
@@ -273,7 +278,7 @@ class _SampledCheck:
         if self.batch.size == 0:
             return Clearance(inf)
         nearest = _DiscClearance(self.batch, self.pieces, offset)
-        for parts in self._parts.chunks(max(MOST_PAIRS // self.batch.size, 1)):
+        for parts in self._parts.chunks(max(EFFORT.most_pairs // self.batch.size, 1)):
             nearest.look(parts)
             if nearest.certified < 0.0:
                 break
@@ -296,24 +301,24 @@ class _DiscClearance:
         """Look at parts of the motion, all zones."""
         moving = self._pieces.disc(parts, self._offset)
         crude = self._bounds.crude(moving)
-        some = np.argpartition(crude, min(FIRST_PAIRS, crude.size) - 1, axis=None)[:FIRST_PAIRS]
+        some = np.argpartition(crude, min(EFFORT.first_pairs, crude.size) - 1, axis=None)[: EFFORT.first_pairs]
         interval, zone = np.unravel_index(some, crude.shape)
         self._keep(self._bounds.fine(zone, interval, moving).value, zone, moving.time[interval])
-        far = crude >= max(self.least - PRECISION, 0.0)
+        far = crude >= max(self.least - REPORT_PRECISION, 0.0)
         self.certified = min(self.certified, float(crude[far].min(initial=inf)))
         interval, zone = np.nonzero(~far)
-        for _ in range(MOST_HALVINGS):
+        for _ in range(EFFORT.most_halvings):
             if not len(interval):
                 return
             bound = self._bounds.fine(zone, interval, moving)
             self._keep(bound.value, zone, moving.time[interval])
-            if not self.least >= -CLEARANCE_TOLERANCE:
+            if not self.least >= -LENGTH_TOLERANCE:
                 self.certified = self.least
                 return
-            done: Mask = (bound.lower >= 0.0) & (bound.lower >= self.least - PRECISION)
+            done: Mask = (bound.lower >= 0.0) & (bound.lower >= self.least - REPORT_PRECISION)
             self.certified = min(self.certified, float(bound.lower[done].min(initial=inf)))
             open_parts, inverse = np.unique(interval[~done], return_inverse=True)
-            if len(open_parts) > MOST_PARTS:
+            if len(open_parts) > EFFORT.most_parts:
                 break
             keep = np.zeros(len(parts.piece), dtype=bool)
             keep[open_parts] = True

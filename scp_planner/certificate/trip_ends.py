@@ -14,15 +14,14 @@ from scp_planner.certificate.ends import (
     sets_out_backwards,
     start_violations,
 )
-from scp_planner.certificate.verdict import EARLIEST, END_TOLERANCE, Ends, Violation
-
-_BOTH_ENDS = np.array([0.0, 1.0])
+from scp_planner.certificate.tolerances import END_TOLERANCE
+from scp_planner.certificate.verdict import EARLIEST, Ends, Violation
 
 
 def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
     """Return what a trip breaks at its ends."""
     scenario, trajectory, frame = checked.scenario, checked.trajectory, checked.trip.frame
-    path, drive = trajectory.path, trajectory.drive_at(_BOTH_ENDS)
+    path, drive = trajectory.path, trajectory.drive_at(np.array([0.0, 1.0]))
     # A trip that goes on beyond its path would be held at the goal, at a speed that it does not have.
     beyond = Violation(
         "distance beyond the path", float(drive.distance[1]) - path.driven_length, 0.0, checked.absolute(1.0)
@@ -36,7 +35,7 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
     position, direction = frame.to_world(points.position).tolist(), frame.vectors_to_world(points.direction).tolist()
     backwards = False  # what goes on with a trip heads as it drives
     for k, (x, y), (ahead, aside) in zip(wanted, position, direction, strict=True):
-        sigma, speed, acceleration = float(_BOTH_ENDS[k]), float(drive.speed[k]), float(drive.acceleration[k])
+        sigma, speed, acceleration = float(k), float(drive.speed[k]), float(drive.acceleration[k])
         state = EndState(checked.absolute(sigma), (x, y), atan2(aside, ahead), speed, acceleration)
         if k:
             found += goal_violations(scenario, state, checked.absolute(0.0), backwards)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Flag, auto
 
+from scp_planner.certificate.tolerances import LARGEST_OFF_STEP, LENGTH_TOLERANCE, STEP_TOLERANCE
 from scp_planner.scenario.units import NaturalUnits
 
 
@@ -64,14 +65,6 @@ class LimitUse:
         return LimitUse(self.worst * factor, limit, units.absolute(self.time))
 
 
-RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
-END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
-GOAL_SPEED_TOLERANCE = 1e-3  # units of speed, of which the highest has three
-CLEARANCE_TOLERANCE = 1e-9  # units of length
-POSITION_TOLERANCE = 1e-9  # units of length, by which positions may be off the trip that is certified
-ARRIVAL_TOLERANCE = 1e-7  # of the travel time, around the earliest and latest arrival
-STEP_TOLERANCE = 0.01  # of the step that the arrival is on
-LARGEST_OFF_STEP = 1e-3  # units of time
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
 OFF_STEP = "arrival off the step"
@@ -136,7 +129,7 @@ class Violation:
     allowed: float
     time: float
     obstacle: str | None = None
-    rounding: float = CLEARANCE_TOLERANCE
+    rounding: float = LENGTH_TOLERANCE
 
     def outside(self, units: NaturalUnits) -> Violation:
         """Return a violation in the units of its scene in SI units."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from scp_planner.certificate.verdict import GOAL_SPEED_TOLERANCE
+from scp_planner.certificate.tolerances import GOAL_SPEED_TOLERANCE
 from scp_planner.online.braking import Braking
 from scp_planner.online.following import Following
 from scp_planner.online.remaining import State

@@ -12,7 +12,8 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
-from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
+from scp_planner.certificate.tolerances import ARRIVAL_TOLERANCE
+from scp_planner.certificate.verdict import off_a_step
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.attempts import HARDLY, Attempt
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task

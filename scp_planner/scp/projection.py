@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.verdict import END_TOLERANCE
+from scp_planner.certificate.tolerances import END_TOLERANCE
 from scp_planner.constraints.drive import DriveRows
 from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem

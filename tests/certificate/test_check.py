@@ -289,7 +289,7 @@ def test_bounds_that_are_made_in_parts_say_the_same(walled: bool, monkeypatch: p
     made = sp.plan(scenario)
     whole = sp.certify(scenario, made)
     monkeypatch.setattr(bounds, "AT_ONCE", 1)
-    monkeypatch.setattr(clearance, "PAIRS_AT_ONCE", 3)
+    monkeypatch.setattr(clearance, "EFFORT", clearance.ClearanceEffort(pairs_at_once=3))
     in_parts = sp.certify(scenario, made)
     assert whole.holds and in_parts.holds
     assert in_parts.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-3)

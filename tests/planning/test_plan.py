@@ -12,6 +12,7 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
+from scp_planner.certificate.relaxation import RelaxationSize
 from scp_planner.certificate.verdict import Clearance
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.trips.trajectory import Trajectory
@@ -60,7 +61,9 @@ def test_the_relative_gap_is_that_to_the_bound_among_the_obstacles(
         return bounds[-1]
 
     monkeypatch.setattr("scp_planner.planning.plan.lower_bound", recorded)
-    monkeypatch.setattr("scp_planner.certificate.lower_bound.CELLS", 20_000)  # true as well, and quick
+    monkeypatch.setattr(
+        "scp_planner.certificate.lower_bound.SIZE", RelaxationSize(cells=20_000)
+    )  # true as well, and quick
     square = {"polygon": [[-0.5, -2.0], [0.5, -2.0], [0.5, 2.0], [-0.5, 2.0]]}
     wall = {"id": "wall", "shape": square, "motion": {"position": (2.0, 0.0), "velocity": (1.0, 0.0)}}
     ahead = {"min": [-0.5, -0.6], "max": [9.0, 0.6]}
