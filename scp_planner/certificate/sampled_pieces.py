@@ -11,7 +11,8 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.threat_zones.bounds import MovingPoint
-from scp_planner.trips.sampled_motion import WITHOUT_DIRECTION, SampledMotion
+from scp_planner.trips.sampled_motion import SampledMotion
+from scp_planner.trips.tolerances import WITHOUT_DIRECTION
 
 FEWEST_PARTS = 192  # of a motion at the first level
 

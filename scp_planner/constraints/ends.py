@@ -7,7 +7,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS
+from scp_planner.mathematics.tolerances import ANGLE_DECIMALS
 from scp_planner.scenario.goal_sides import GoalSides
 from scp_planner.scenario.models import Scenario
 from scp_planner.trips.space import TripSpace

@@ -14,7 +14,7 @@ from scp_planner.constraints.constraint import Constraint
 from scp_planner.constraints.rows import Rows
 from scp_planner.constraints.setup import Setup
 from scp_planner.constraints.swing import Swing, disc_positions
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS
+from scp_planner.mathematics.tolerances import ANGLE_DECIMALS
 from scp_planner.scenario.goal_sides import GoalSides
 from scp_planner.trips.trajectory import Trajectory
 

@@ -8,7 +8,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.constraints.ends import EndConditions
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import to_digits
+from scp_planner.mathematics.tolerances import to_digits
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario, Vehicle
 from scp_planner.scenario.places import Stretch

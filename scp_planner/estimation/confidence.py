@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw
+from scp_planner.estimation.tolerances import SCALE_TOLERANCE
 
 if TYPE_CHECKING:
     from scp_planner.estimation.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
 LARGEST_ALPHA = 1.0 - 2.0**-53  # the largest number below 1: what holds with hardly any probability has some region
-_SCALE_TOLERANCE = 1e-13  # of log q
 
 
 def region_scale(
@@ -119,7 +119,7 @@ def _solve(tail: Callable[[float], float], alpha: float, floor: float) -> float:
         f_before = f_now
         high = now = now + 0.5
         f_now = excess(now)
-    while abs(now - before) > _SCALE_TOLERANCE and f_now != f_before:
+    while abs(now - before) > SCALE_TOLERANCE and f_now != f_before:
         step = now - f_now * (now - before) / (f_now - f_before)
         if not low < step < high:
             step = 0.5 * (low + high)

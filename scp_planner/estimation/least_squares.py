@@ -13,10 +13,10 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import CheckedObservations
+from scp_planner.estimation.tolerances import LAST_DIGITS
 
 LEAST_NOISE = 1e-6
 """Least standard deviation of a noise that is estimated, relative to how far the observed positions are apart."""
-LAST_DIGITS = 8.0 * np.finfo(float).eps
 LEAST_RATIO = 1e-2
 """Least ratio of the standard deviations of a noise that is estimated, of the smaller one to the larger one."""
 

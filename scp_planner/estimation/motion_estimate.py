@@ -14,13 +14,12 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors
+from scp_planner.estimation.tolerances import EQUAL_EIGENVALUES, LENGTH_TOLERANCE
 from scp_planner.mathematics.quadrature import gauss_rule
 
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
-_LENGTH_TOLERANCE = 1e-7  # relative, of a standardised length
 _PANEL_NODES = 12
 _MOST_PANELS = 1024
-_ROUND = 1e-9  # relative difference of two eigenvalues below which they count as equal
 
 
 @dataclass(frozen=True)
@@ -280,7 +279,7 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
     half_trace = np.maximum(0.5 * (along + across), 0.0)
     spread = np.minimum(np.hypot(0.5 * (along - across), beside), half_trace)
     large, small = half_trace + spread, half_trace - spread
-    if np.all(large - small <= _ROUND * large):
+    if np.all(large - small <= EQUAL_EIGENVALUES * large):
         return np.sqrt(half_trace)
     from scipy.special import ellipe
 
@@ -297,7 +296,7 @@ def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Arr
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
         total = np.asarray(half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights))
-        if panels >= _MOST_PANELS or np.all(np.abs(total - answer) <= _LENGTH_TOLERANCE * total):
+        if panels >= _MOST_PANELS or np.all(np.abs(total - answer) <= LENGTH_TOLERANCE * total):
             return total
         answer, panels = total, 2 * panels
 

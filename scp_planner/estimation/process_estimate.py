@@ -16,9 +16,8 @@ from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors, StudentErr
 from scp_planner.estimation.kalman import FilterState, predict_state
 from scp_planner.estimation.motion_estimate import MotionEstimate, MotionPolynomials, check_span
 from scp_planner.estimation.process_spans import ProcessSpans
+from scp_planner.estimation.tolerances import TIME_TOLERANCE
 from scp_planner.scenario.process_model import Tails
-
-_PAST = 1e-9  # units of time; times this little before the last observation are taken for it
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class ProcessEstimate(MotionEstimate):
     def lead(self, t: ArrayLike) -> Array:
         """Times since the reference time, s: (...), of times t (...), s, which must not be before it."""
         lead = np.asarray(t, dtype=float) - self.reference_time
-        if np.any(lead < -_PAST):
+        if np.any(lead < -TIME_TOLERANCE):
             worst = float(np.min(lead))
             raise EstimationError(
                 f"time: {-worst:g} s before the last observation, from which process noise is predicted on"

@@ -6,9 +6,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-
-LEAST_SHARE = 1e-9
-"""Least share, relative to the largest one."""
+from scp_planner.estimation.tolerances import LEAST_RISK_SHARE
 
 
 def alpha_of_mixture(level: str, alpha: float, obstacles: int) -> float:
@@ -29,7 +27,7 @@ def shared_risk(weights: Array, sizes: Array, alpha: float) -> Array:
         if not np.all((values >= 0.0) & np.isfinite(values)):
             raise EstimationError(f"{name}: {values!r} are not all numbers >= 0")
     risk = np.where(weights > 0.0, 0.0, 1.0)
-    shares = np.where(sizes > 0.0, np.maximum(sizes, LEAST_SHARE * sizes.max(initial=0.0)), 0.0)
+    shares = np.where(sizes > 0.0, np.maximum(sizes, LEAST_RISK_SHARE * sizes.max(initial=0.0)), 0.0)
     sharing = np.flatnonzero((weights > 0.0) & (sizes > 0.0))
     budget = alpha
     while len(sharing):

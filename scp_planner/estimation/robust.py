@@ -13,12 +13,12 @@ from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalE
 from scp_planner.estimation.least_squares import MotionFit, MotionProblem, Noise, fit_motion
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import CheckedObservations
+from scp_planner.estimation.tolerances import RESIDUAL_TOLERANCE
 
 HUBER_DISTANCE = 2.0
 """Mahalanobis distance beyond which Huber's weights fall; 13.5 % of normal observations lie beyond it."""
 
 _STEPS = 200
-_TOLERANCE = 1e-8  # of the residuals, relative to the noise
 _TINY = float(np.finfo(float).tiny)
 _FEWEST_DEGREES = 2  # to judge an observation by the others with a general covariance
 
@@ -69,7 +69,7 @@ def huber(problem: MotionProblem, seen: CheckedObservations) -> PolynomialEstima
             sigma = _scatter(fit.residuals, distances, degrees, problem.noise)
         moved = float(np.max(_distances(fit.residuals - residuals, sigma)))
         residuals = fit.residuals
-        if moved <= _TOLERANCE:
+        if moved <= RESIDUAL_TOLERANCE:
             break
     known = replace(seen, covariance=sigma) if seen.covariance is None else seen
     errors: ErrorLaw = NormalErrors()

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import conformal_quantile
+from scp_planner.estimation.tolerances import TUBE_TOLERANCE
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Vehicle
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 LEAST_FORM = 0.01
 """Least value of the form, relative to the mean error."""
-ROUNDING = 1e-9
-"""Relative: by so much more than was recorded is not refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,7 @@ class TrackingTube:
         """
         pace, turn = np.asarray(speed, dtype=float), np.asarray(lateral, dtype=float)
         for name, values, most in (("speed", pace, self.max_speed), ("lateral", turn, self.max_lateral)):
-            if not np.all((values >= 0.0) & (values <= most * (1.0 + ROUNDING))):
+            if not np.all((values >= 0.0) & (values <= most * (1.0 + TUBE_TOLERANCE))):
                 raise EstimationError(f"{name}: must be from 0 to {most:g}, the largest one recorded")
         radius: Array = self.standing + self.per_speed * pace + self.per_lateral * turn
         return radius
@@ -206,7 +205,7 @@ def fit_tracking_tube(records: Sequence[TrackingRecord], probability: float = 0.
     ratios = [float((one.error / (_columns(one) @ form)).max()) for one in sizing]
     scale = conformal_quantile(ratios, 1.0 - probability)
     if not np.isfinite(scale):
-        least = 2 * int(np.ceil(probability / (1.0 - probability) - ROUNDING))
+        least = 2 * int(np.ceil(probability / (1.0 - probability) - TUBE_TOLERANCE))
         raise EstimationError(f"records: {len(records)} drives are too few for {probability:g}; it takes {least}")
     standing, per_speed, per_lateral = (scale * form).tolist()
     return TrackingTube(

@@ -13,13 +13,12 @@ import numpy as np
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics import planar
 from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.tolerances import COORDINATE_ROUNDING, UNCOVERED
 
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
 WALL = 3.0  # units of length, least thickness
-ROUNDING = 1e-12  # relative to the largest coordinate: what is thinner, or nearer to each other, is so by rounding
 NEAR = 3e-5  # relative to the same: what is farther from a line is on its side; shorter edges have no direction
-UNCOVERED = 1e-9  # of a line: shorter parts of it do not leave the corridor
 MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
@@ -36,7 +35,7 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
     left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
     largest = max(abs(side) for side in (left, right, low, high))
-    thin, near = ROUNDING * largest, NEAR * largest
+    thin, near = COORDINATE_ROUNDING * largest, NEAR * largest
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
     for polygon in rings:

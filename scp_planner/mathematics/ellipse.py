@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.tolerances import CENTRE_GUARD, NEWTON_TOLERANCE
 
 MAX_NEWTON_STEPS = 30
-NEWTON_TOLERANCE = 1e-13
-CENTRE_GUARD = 1e-9  # of the smaller half axis: keeps the normal defined on the axes of symmetry
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
+from scp_planner.mathematics.tolerances import NEARLY_REAL, NO_LEAD, SHORTEST_COURSE
 
 SLOW = 0.05
 """Share of a course's top speed below which it stands."""
@@ -13,10 +14,6 @@ ON_ITS_WAY = 0.1
 """Share of a course's length: a place that is not left by so much at the speed above jitters."""
 EACH_PIECE = 16
 """Looks at how far it has come, where it stands, in each piece of a course."""
-SHORTEST = 1e-9
-NO_LEAD = 1e-14
-NEARLY_REAL = 1e-3
-"""Imaginary part of a root, of half an interval."""
 
 
 def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePolynomials | None:
@@ -65,7 +62,7 @@ def _runs(course: PiecewisePolynomials, length: float) -> list[tuple[float, floa
     conditions += [_square(way, far) for way in (place - behind, ahead - place, ahead - behind)]
     roots = np.concatenate([(middle[:, None] + half[:, None] * _roots(one)).ravel() for one in conditions])
     edges = np.unique(np.concatenate([knots, roots[np.isfinite(roots)]]))
-    edges = edges[np.append(np.diff(edges) > SHORTEST * (last - first), True)]
+    edges = edges[np.append(np.diff(edges) > SHORTEST_COURSE * (last - first), True)]
     edges[0] = first
     moving = _moves(course, 0.5 * (edges[1:] + edges[:-1]), slow, far)
     turns = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(np.int8)))

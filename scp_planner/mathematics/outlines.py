@@ -11,9 +11,8 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, far_ellipse_contact, support
 from scp_planner.mathematics.frames import covariance_turned_back
+from scp_planner.mathematics.tolerances import AT_VERTEX, STRAIGHT
 
-STRAIGHT = 1e-12  # relative: a vertex that turns less than this is none
-TOUCHING = 1e-12  # relative to the outline: nearer to a vertex than this, the normal of an edge is taken
 SUM_GRID = 64  # directions from which the distance to the sum of two ellipses is searched
 SUM_SECTIONS = 40  # golden sections: 0.1 rad * 0.618^40 < 1e-9 rad
 
@@ -239,7 +238,7 @@ class Outlines:
         beyond = x * along_x + y * along_y
         beyond -= np.minimum(np.maximum(beyond, 0.0), edges.length[edge])
         highest = np.maximum.reduceat(height, starts)
-        outside = highest > TOUCHING * self.reach[index]
+        outside = highest > AT_VERTEX * self.reach[index]
         # Outside the nearest edge decides, inside the one whose line is nearest.
         away = np.where(outside[owner], beyond * beyond + height * height, -height)
         chosen = np.flatnonzero(away == np.minimum.reduceat(away, starts)[owner])

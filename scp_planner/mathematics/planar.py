@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-Point = tuple[float, float]
+from scp_planner.mathematics.tolerances import SAME_DIRECTION
 
-IN_LINE = 1e-9
-"""rad; a smaller turn is none."""
+Point = tuple[float, float]
 
 
 def turned(point: Point, angle: float) -> Point:
@@ -114,14 +113,14 @@ def is_convex(polygon: Sequence[Point]) -> bool:
     """True if a simple polygon has no corner that points inwards; rounding is forgiven."""
     ring = anticlockwise(polygon)
     corners = zip(ring, [*ring[1:], *ring[:1]], [*ring[2:], *ring[:2]], strict=True)
-    return all(_turn(a, b, c) >= -IN_LINE * math.dist(a, b) * math.dist(b, c) for a, b, c in corners)
+    return all(_turn(a, b, c) >= -SAME_DIRECTION * math.dist(a, b) * math.dist(b, c) for a, b, c in corners)
 
 
 def overlap(polygon: Sequence[Point], other: Sequence[Point]) -> bool:
     """True if two convex polygons have an area in common: no edge of either separates them."""
     for one, two in ((polygon, other), (other, polygon)):
         for a, b in edges(anticlockwise(one)):
-            in_line = IN_LINE * math.dist(a, b)
+            in_line = SAME_DIRECTION * math.dist(a, b)
             if all(_turn(a, b, point) <= in_line * math.dist(a, point) for point in two):
                 return False
     return True

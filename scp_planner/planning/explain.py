@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
 from scp_planner.certificate.verdict import BEYOND_ZONES, EARLIEST, LATEST, Certificate, Violation
+from scp_planner.planning.tolerances import TRIP_ROUNDING
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.ready_made import NAMES
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -35,7 +36,6 @@ MOST_NAMED = 3
 """Number of alike obstacles that are named."""
 TOUCHING = 0.1  # of the vehicle's radius
 TRIP_LOOKS = 65  # at times of a trip
-ROUNDING = 1e-6  # of the trip's length or time
 
 _ENDS = {
     LoopStatus.CONVERGED: "the loop converged",
@@ -163,7 +163,7 @@ def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
         return
     rate = vehicle.max_acceleration if last > first else vehicle.max_deceleration
     needed, way = abs(last**2 - first**2) / (2.0 * rate), trip.trajectory.path.arc_length
-    if needed > way * (1.0 + ROUNDING):
+    if needed > way * (1.0 + TRIP_ROUNDING):
         yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this path is {way:.3g} m long"
 
 
@@ -249,7 +249,7 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
     least = kinematic_bound(scenario)
     horizon = LOOKED_AHEAD * least if latest is None else latest - start
     until = f"before t = {start + horizon:.4g} s" if latest is None else f"by t = {latest:.4g} s"
-    if horizon < least * (1.0 - ROUNDING):
+    if horizon < least * (1.0 - TRIP_ROUNDING):
         yield f"No trip arrives before t = {start + least:.4g} s, even with nothing in the way"
         return
     if not no_trip_within(scenario, horizon, zones, deadline):

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 _WORK = ("wall_time", "timings", "planned")
 """Fields about the making of a plan, not about the plan."""
 
-ROUNDING = 1e-9  # relative, of lengths and times that are to be equal
-
 
 class PlanStatus(StrEnum):
     """Trust that a plan deserves.

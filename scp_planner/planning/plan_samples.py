@@ -8,18 +8,16 @@ from math import pi
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.planning.tolerances import SAMPLE_ROUNDING, SAMPLES_TOLERANCE
 from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import KeyReader
-
-SAMPLES_TOLERANCE = 1e-6
-ROUNDING = 1e-15  # relative to the largest number of a list
 
 
 def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Array]) -> None:
     """Refuse samples of a plan file that its path and acceleration do not give."""
     times, first, lasts = part.vector("time", None), trip.frame.time, trip.trajectory.travel_time
     last = first + lasts
-    slack = SAMPLES_TOLERANCE * lasts + ROUNDING * max(abs(first), abs(last))
+    slack = SAMPLES_TOLERANCE * lasts + SAMPLE_ROUNDING * max(abs(first), abs(last))
     if len(times) < 2 or np.any(np.diff(times) < 0.0) or times[0] < first - slack or times[-1] > last + slack:
         raise part.fault("time", times.tolist(), f"at least two times in order, from {first!r} to {last!r}")
     length = trip.trajectory.path.arc_length
@@ -40,7 +38,7 @@ def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Arra
         given = part.vectors(name, len(times)) if vectors else part.vector(name, len(times))
         # Times are rounded too, and where an acceleration jumps it has two values
         off = np.min([_apart(name, given, told(name, times + later)) for later in (-slack, 0.0, slack)], axis=0)
-        allowed, worst = SAMPLES_TOLERANCE * scale + ROUNDING * float(np.abs(given).max()), int(np.argmax(off))
+        allowed, worst = SAMPLES_TOLERANCE * scale + SAMPLE_ROUNDING * float(np.abs(given).max()), int(np.argmax(off))
         if not off[worst] <= allowed:
             found = told(name, times)[worst].tolist()
             wanted = f"{found!r} to {allowed:.2g}, which is what path and acceleration give"

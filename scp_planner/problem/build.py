@@ -11,7 +11,7 @@ from scp_planner.constraints.ends import end_conditions
 from scp_planner.constraints.registry import constraints_of
 from scp_planner.constraints.setup import Setup, kept_of_limits
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import DECIMALS, to_digits
+from scp_planner.mathematics.tolerances import DECIMALS, to_digits
 from scp_planner.problem.guides import default_guide, path_spans
 from scp_planner.problem.memory import check_memory
 from scp_planner.problem.problem import EACH_SHARE, Problem

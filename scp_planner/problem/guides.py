@@ -10,7 +10,7 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.corridor import known_way
 from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
+from scp_planner.mathematics.tolerances import ANGLE_DECIMALS, DECIMALS
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from scp_planner.arrays import Array, Index
-from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.mathematics.tolerances import DECIMALS
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Box

@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS, to_digits
+from scp_planner.mathematics.tolerances import ANGLE_DECIMALS, DECIMALS, to_digits
 from scp_planner.scenario.models import Scenario
 
 

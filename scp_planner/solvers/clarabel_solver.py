@@ -13,10 +13,9 @@ from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.preparation import given_up, sparse_preparation
 from scp_planner.solvers.scaling import equilibrate_sparse
 from scp_planner.solvers.sparse_rows import stacked
+from scp_planner.solvers.tolerances import GAP_TOLERANCE, REDUCED_TOLERANCE
 
-_TOLERANCE = 1e-12
 _MOST_ITERATIONS = 200
-_REDUCED_TOLERANCE = 1e-8  # still accepted where rounding allows no more
 
 _STATUS = {
     "Solved": SolverStatus.OPTIMAL,
@@ -39,9 +38,9 @@ class ClarabelSolver:
         settings.direct_solve_method = "qdldl"
         settings.presolve_enable = False  # it would drop rows, and we drop those without a bound ourselves
         settings.equilibrate_enable = False  # done with better scaling here
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
-        settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = _REDUCED_TOLERANCE
-        settings.reduced_tol_feas = _REDUCED_TOLERANCE
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = GAP_TOLERANCE
+        settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = REDUCED_TOLERANCE
+        settings.reduced_tol_feas = REDUCED_TOLERANCE
         self._settings = settings
 
     def solve(self, program: QuadraticProgram) -> Solution:

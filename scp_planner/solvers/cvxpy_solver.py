@@ -15,12 +15,12 @@ from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus, StepOrigin
 from scp_planner.solvers.polishing import polish, violation
 from scp_planner.solvers.scaling import Scaling, equilibrate
+from scp_planner.solvers.tolerances import UNPOLISHED_VIOLATION
 
 ExtraConstraints = Callable[[cp.Expression], list[cp.Constraint]]
 
 VARIABLE_CLASS = 8  # variables are padded to a multiple of this
 ROW_CLASSES = 4  # size classes of rows in each doubling
-FEASIBLE = 1e-6  # largest violation of an answer that could not be polished, in scaled units
 LARGE = 1e6  # stands for a missing bound, in scaled units
 # Accurate enough to tell the active constraints; polishing does the rest.
 _OPTIONS: dict[str, dict[str, Any]] = {
@@ -134,7 +134,7 @@ class CvxpySolver:
             polished = polish(scaling.program, answer, deadline)
             if polished is not None:
                 return scaling.original(polished)
-        if status is SolverStatus.OPTIMAL and violation(scaling.program, answer.x) > FEASIBLE:
+        if status is SolverStatus.OPTIMAL and violation(scaling.program, answer.x) > UNPOLISHED_VIOLATION:
             answer = replace(answer, status=SolverStatus.FAILED)
         return scaling.original(answer)
 

@@ -13,13 +13,12 @@ from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.preparation import dense_preparation, given_up
 from scp_planner.solvers.scaling import equilibrate
+from scp_planner.solvers.tolerances import ACTIVE_AT_START, ROW_TOLERANCE
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
 _CONTRADICTION = -6  # of the constraints taken as active at first: the guess, and the equalities
 _NO_BOUND = 1e30
-_AT_START = 1e-9  # a bound closer to the origin than this is first taken as active
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
-_PRIMAL_TOLERANCE = 1e-9
 _ITERATIONS = (500, 2)  # at most, and for each variable and row; what takes twice as many as others did is in a cycle
 
 
@@ -53,7 +52,7 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     guessed = sense.any()
     sense[size : size + equalities] = _EQUALITY
     most = _ITERATIONS[0] + _ITERATIONS[1] * (size + len(program.bound))
-    settings = {"primal_tol": _PRIMAL_TOLERANCE, "iter_limit": most, "time_limit": program.time_limit}
+    settings = {"primal_tol": ROW_TOLERANCE, "iter_limit": most, "time_limit": program.time_limit}
     x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **settings)
     status = _STATUS.get(int(flag), SolverStatus.FAILED)
     if flag == _CONTRADICTION and not guessed:
@@ -74,6 +73,6 @@ def _sense(active: NDArray[np.int8]) -> NDArray[np.int32]:
 
 def _touching_origin(lower: Array, upper: Array) -> NDArray[np.int32]:
     sense = np.zeros(len(upper), dtype=np.int32)
-    sense[np.abs(upper) <= _AT_START] = _ACTIVE
-    sense[np.abs(lower) <= _AT_START] = _ACTIVE + _LOWER
+    sense[np.abs(upper) <= ACTIVE_AT_START] = _ACTIVE
+    sense[np.abs(lower) <= ACTIVE_AT_START] = _ACTIVE + _LOWER
     return sense

@@ -9,9 +9,9 @@ from scipy.sparse import coo_array, csr_array
 
 from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution
+from scp_planner.solvers.tolerances import NARROWEST
 
 PASSES = 12
-NARROWEST = 1e-12  # norm of a row or column that is taken as nothing: scaling it up would only blow up rounding
 NO_BOUND = 1e20  # bounds beyond this are none: as rows they would hurt the scaling
 
 

@@ -12,12 +12,12 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.preparation import given_up, whole_preparation
 from scp_planner.solvers.slacked import SlackedProgram
+from scp_planner.solvers.tolerances import ROW_TOLERANCE
 
 MANY = 3  # rows to a variable, from which on they are not all looked at
 WORTH = 4_000_000  # products of a program's rows, from which on choosing among them takes less than what it saves
 FIRST, MORE = 2, 1  # to a variable: rows that are looked at first, and of the violated ones that are added at once
 ROUNDS = 10  # after which all rows are taken
-TOLERANCE = 1e-9  # of a row, as solvers keep it
 
 
 def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
@@ -41,7 +41,7 @@ def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProg
         solution = _of_all_rows(program, chosen, found)
         over = program.of_rows(found.x) - program.bound
         over[kept] = 0.0
-        violated = int((over > TOLERANCE).sum())
+        violated = int((over > ROW_TOLERANCE).sum())
         if not violated:
             return solution
         kept[_largest(over, min(violated, MORE * size))] = True

@@ -13,14 +13,14 @@ from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.mathematics.tolerances import DECIMALS
 from scp_planner.threat_zones.contacts import ZoneContacts, distinct, leading
 from scp_planner.threat_zones.convex_parts import ConvexPart
 from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
+from scp_planner.threat_zones.tolerances import DIRECTION_DECIMALS
 from scp_planner.threat_zones.zone import ThreatZone
 
-DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
 PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
 TOGETHER = 40_000  # distances that are computed together

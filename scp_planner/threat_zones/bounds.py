@@ -12,9 +12,9 @@ from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.pauses import GoOn
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.tolerances import NO_DIRECTION
 
 AT_ONCE, FEWEST = 2**15, 16  # distances that are bounded at once, and of how many intervals at least
-NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
 _NONE: Index = np.zeros(0, dtype=np.intp)
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.threat_zones.tolerances import SAME_CONTACT
 
-SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 MOST_LEADERS = 6  # of one place; what is left then all counts
 
 
@@ -39,7 +39,7 @@ class ZoneContacts:
 
 def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
     """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place."""
-    distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
+    distance, normal = (np.round(each / SAME_CONTACT) for each in (contacts.distance, contacts.normal))
     keys = np.stack([*places, distance, *normal.T])
     order = np.lexsort((zone, *keys))
     same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
@@ -49,7 +49,7 @@ def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
 def leading(place: Index, contacts: ZoneContacts, move: float) -> Index:
     """Return which contacts are not implied by others of the same place, in order."""
     distance, normal = contacts.distance, contacts.normal
-    left = np.lexsort((np.round(distance / SAME), place))
+    left = np.lexsort((np.round(distance / SAME_CONTACT), place))
     kept = []
     for _ in range(MOST_LEADERS):
         if len(left) == 0:
@@ -59,5 +59,5 @@ def leading(place: Index, contacts: ZoneContacts, move: float) -> Index:
         leader = left[first][np.cumsum(first) - 1]
         turn = normal[left] - normal[leader]
         reached = move * np.hypot(turn[:, 0], turn[:, 1])
-        left = left[~first & (reached > distance[left] - distance[leader] + SAME)]
+        left = left[~first & (reached > distance[left] - distance[leader] + SAME_CONTACT)]
     return np.sort(np.concatenate([*kept, left]))

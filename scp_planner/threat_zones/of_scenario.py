@@ -18,12 +18,14 @@ from scp_planner.mathematics.courses import course_covariances, course_pointing,
 from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.mathematics.tolerances import STRAIGHT
 from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
+from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 
 if TYPE_CHECKING:
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
-FLATTEST = 1e-9  # share of a covariance's trace that its determinant's root is at least taken for
 HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 

@@ -9,9 +9,9 @@ from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.tolerances import LEVEL
 
 FAN = 16  # directions, none of them along the guide
-LEVEL = 1e-9  # of a direction across the guide: less is none
 
 
 def sections(zones: ZoneBatch, index: Index, times: Array, origins: Array, tangents: Array) -> Interval:

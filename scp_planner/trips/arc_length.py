@@ -10,14 +10,13 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.quadrature import gauss_rule
+from scp_planner.trips.tolerances import ARC_ROUNDING, SPEED_ERROR
 
-CLOSE = 5e-12  # of the speed over the station, by which its interpolation may be off
 MOST_HALVINGS = 24  # of a cell
 MOST_CELLS = 20_000  # after which no cell is halved any more
 ORDER = 8  # Gauss nodes a cell
 POINTS = 15  # Chebyshev's: so many coefficients s^2 has, and |r'|^2 with offsets of degree 5 over a curved guide
 MOST_STEPS = 80  # of Newton or of bisection
-ROUNDING = 1e-15  # of the arc length
 TINY = float(np.finfo(float).tiny)  # in place of a length of 0
 
 Speeds = Callable[[Array], Array]
@@ -55,7 +54,7 @@ class ArcLength:
         cells = self._fitted(left, width)
         off = self._strays(left, width, cells)
         for _ in range(MOST_HALVINGS):
-            bad = ~(off <= CLOSE)
+            bad = ~(off <= SPEED_ERROR)
             if not bad.any() or len(left) > MOST_CELLS:
                 break
             half = 0.5 * width[bad]
@@ -73,7 +72,7 @@ class ArcLength:
         self.until = np.zeros(len(order) + 1)
         self._lengths = self._driven.sum(axis=1)
         np.cumsum(self._lengths, out=self.until[1:])
-        self.error = float(off[order] @ self._lengths) if bool(np.all(off <= CLOSE)) else float("inf")
+        self.error = float(off[order] @ self._lengths) if bool(np.all(off <= SPEED_ERROR)) else float("inf")
 
     @property
     def total(self) -> float:
@@ -124,7 +123,7 @@ class ArcLength:
         x = 2.0 * target / np.maximum(driven.sum(axis=0), TINY) - 1.0
         for _ in range(MOST_STEPS):
             excess = _valued(driven, x) - target
-            if bool(np.all(np.abs(excess) <= ROUNDING * self.total)):
+            if bool(np.all(np.abs(excess) <= ARC_ROUNDING * self.total)):
                 break
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
             rate = _valued(rates, x)
@@ -135,7 +134,7 @@ class ArcLength:
     def _found_one(self, cell: int, target: float) -> float:
         """Station of one target in plain numbers, with the bits of the batch: NUMPY-CALLS."""
         driven, rates = self._driven[cell, ::-1].tolist(), self._rates[cell, ::-1].tolist()
-        low, high, close = -1.0, 1.0, ROUNDING * self.total
+        low, high, close = -1.0, 1.0, ARC_ROUNDING * self.total
         x = 2.0 * target / max(float(self._lengths[cell]), TINY) - 1.0
         for _ in range(MOST_STEPS):
             excess = _horner(driven, x) - target

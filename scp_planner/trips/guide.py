@@ -12,12 +12,11 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.bell_polynomials import complete_bell_polynomials
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.quadrature import gauss_rule
+from scp_planner.trips.tolerances import GUIDE_ERROR, SLIVER
 
 CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
-STRAYS = 1e-12  # of the length: how far positions may be off, as far as that takes no more cells than this
 MOST_CELLS = 200_000
 QUADRATURE_ORDER = 6
-SLIVER = 1e-11  # of the length; intervals overlap the next piece by less from rounding alone
 
 # Power coefficients of the quintic from value, first and second derivative at 0 and at 1
 _HERMITE = np.array(
@@ -169,7 +168,7 @@ class CurvedGuide:
         while True:
             h = self._width / parts
             error = quintic * h**6 + rule * parts * h ** (2 * n + 1)
-            if error <= STRAYS * self.length or 2 * parts * self.pieces > MOST_CELLS:
+            if error <= GUIDE_ERROR * self.length or 2 * parts * self.pieces > MOST_CELLS:
                 return parts, error
             parts *= 2
 

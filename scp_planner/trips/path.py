@@ -15,10 +15,9 @@ from scp_planner.mathematics.polynomials import expanded
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.arc_length import ArcLength
 from scp_planner.trips.space import QUADRATURE_ORDER, TripSpace
+from scp_planner.trips.tolerances import SAME_LENGTH, SAME_STATION
 
 NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
-SAME_LENGTH = 1e-13  # relative: rounding
-SAME_STATION = 1e-12  # of the guide's length: ends of cells and of pieces that are nearer are the same
 
 
 @dataclass(frozen=True)

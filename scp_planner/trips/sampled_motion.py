@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index, cross
+from scp_planner.mathematics.tolerances import STRAIGHT
 from scp_planner.trips.samples import SampledTrajectory
-
-IN_LINE = 1e-12  # relative; velocity and acceleration that differ less in direction are in line: rounding
-WITHOUT_DIRECTION = 1e-9  # of the highest speed: slower, a velocity has no direction worth comparing
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class SampledMotion:
         """Velocity x acceleration, (m,) m^2/s^3: constant on a piece; 0 where they are in line but for rounding."""
         turn = cross(self.velocity, self.acceleration)
         size = np.hypot(*self.velocity.T) * np.hypot(*self.acceleration.T)
-        found: Array = np.where(np.abs(turn) <= IN_LINE * size, 0.0, turn)
+        found: Array = np.where(np.abs(turn) <= STRAIGHT * size, 0.0, turn)
         return found
 
 

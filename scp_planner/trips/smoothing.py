@@ -6,11 +6,11 @@ import numpy as np
 
 from scp_planner.arrays import Array, cross
 from scp_planner.errors import TooLargeError
+from scp_planner.mathematics.tolerances import SAME_DIRECTION
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 
 SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
 ARC_STEP = 0.15  # rad, between the points of an arc
-IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
 LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
@@ -28,7 +28,7 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     directions = legs / lengths[:, None]
     turns = np.abs(directions[1:, 0] * directions[:-1, 1] - directions[1:, 1] * directions[:-1, 0])
-    if np.all(turns < IN_LINE):
+    if np.all(turns < SAME_DIRECTION):
         return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
     places = np.cumsum(lengths)[:-1]
     total = float(lengths.sum())

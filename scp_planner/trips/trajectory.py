@@ -14,11 +14,10 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
+from scp_planner.trips.tolerances import SAME_TIME, STILL
 
 MAX_BISECTIONS = 60
 MOST_STRETCHES = 8  # of accelerations with which a trip does not arrive
-STILL = 1e-150  # m/s; slower it does not get there: small enough for nothing, and no quotient by it overflows
-SAME_TIME = 1e-9  # relative: rounding
 
 
 def _horner(coefficients: Array, x: Array) -> Array:

@@ -14,6 +14,7 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.tolerances import COORDINATE_ROUNDING
 from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
@@ -230,7 +231,7 @@ def test_walls_have_no_edge_that_is_only_rounding() -> None:
     xs, ys = zip(*(vertex for polygon in polygons for vertex in polygon), strict=True)
     extent = max(max(xs) - min(xs), max(ys) - min(ys))
     shortest = min(np.hypot(b[0] - a[0], b[1] - a[1]) for wall in walls for a, b in planar.edges(wall))
-    assert shortest > corridor.ROUNDING * extent
+    assert shortest > COORDINATE_ROUNDING * extent
     inside = unary_union([Polygon(polygon) for polygon in polygons])
     low_x, low_y, high_x, high_y = inside.bounds
     around = box(low_x - 3.0, low_y - 3.0, high_x + 3.0, high_y + 3.0)

@@ -7,7 +7,7 @@ from decimal import Context, Decimal
 
 import numpy as np
 
-from scp_planner.mathematics.rounding import DIGITS, to_digits
+from scp_planner.mathematics.tolerances import DIGITS, to_digits
 
 
 def test_digits_are_those_of_decimal_arithmetic() -> None:
