@@ -14,7 +14,7 @@ from scp_planner.certificate.verdict import Clearance, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import DistanceBounds, MovingPoint, ZoneBounds
-from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
+from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_clearances
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
         return batch
     top = max(float(trajectory.speed_control_points().max()), 0.0)
     ahead = max(map(abs, checked.scenario.vehicle.discs))
-    for count in LOOKS:
+    for count in NEARNESS.looks:
         checked.go_on()
         # Only where it is checked: a zone says nothing of what lies before it was made.
         half = 0.5 * (checked.last - checked.first) / count
@@ -100,7 +100,7 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
         if np.isneginf(bounds).all():
             return batch
         # The nearest zone comes at least as near as any zone is seen to be.
-        seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
+        seen = batch.subset(np.argsort(bounds)[: NEARNESS.few_zones])
         nearest = max(float(seen.distances(points.time, position).min()), 0.0)
         batch = batch.subset(np.flatnonzero(bounds <= nearest + most_off))
     return batch

@@ -13,14 +13,14 @@ from scp_planner.constraints.constraint import Constraint
 from scp_planner.constraints.setup import Setup
 from scp_planner.constraints.swing import Swing, disc_positions
 from scp_planner.scenario.limits import Box
-from scp_planner.threat_zones.nearness import NEAR
+from scp_planner.threat_zones.nearness import NEARNESS
 from scp_planner.trips.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class InBox(Constraint):
     name: ClassVar[str] = "workspace bounds"
-    near: ClassVar[float] = NEAR
+    near: ClassVar[float] = NEARNESS.near
 
     setup: Setup
     box: Box

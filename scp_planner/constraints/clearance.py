@@ -15,7 +15,7 @@ from scp_planner.constraints.settling import settle_minima
 from scp_planner.constraints.setup import Setup
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.threat_zones.nearness import ABREAST, NEAR, nearness_of_samples
+from scp_planner.threat_zones.nearness import NEARNESS, nearness_of_samples
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 
@@ -37,7 +37,7 @@ class Clearance(Constraint):
     """Entry into each zone, m: at refined minima of the distance over time, then at all samples."""
 
     name: ClassVar[str] = "clearance"
-    near: ClassVar[float] = NEAR
+    near: ClassVar[float] = NEARNESS.near
 
     def __init__(self, setup: Setup, zones: ZoneBatch) -> None:
         self.setup, self.zones = setup, zones
@@ -60,9 +60,9 @@ class Clearance(Constraint):
 
     def _look(self, trip: Trajectory) -> _Look:
         setup, zones, points = self.setup, self.zones, trip.kept_at(self.setup.samples)
-        clearance = zones.distances(points.time, points.path.position, NEAR)
+        clearance = zones.distances(points.time, points.path.position, NEARNESS.near)
         equidistant = clearance[: setup.grid]
-        sample, zone = local_minima(equidistant, NEAR)
+        sample, zone = local_minima(equidistant, NEARNESS.near)
         if zones.whole is not None:
             touched = zones.contacts(zone, points.time[sample], points.path.position[sample])
             single = zones.singles(sample, zone, touched)
@@ -94,12 +94,12 @@ class Clearance(Constraint):
         del excess  # distances tell more
         look, zones = self._last.of(trip, self._look), self.zones
         strided = look.clearance[: self.setup.grid : SAMPLE_STRIDE]
-        sample, zone = np.nonzero(strided < nearness_of_samples(zones, NEAR))
+        sample, zone = np.nonzero(strided < nearness_of_samples(zones, NEARNESS.near))
         sample *= SAMPLE_STRIDE
         if zones.whole is not None:
             points = trip.kept_at(self.setup.samples)
             contacts = zones.contacts(zone, points.time[sample], points.path.position[sample])
-            some = zones.leaders(sample, zone, contacts, ABREAST * NEAR)
+            some = zones.leaders(sample, zone, contacts, NEARNESS.abreast * NEARNESS.near)
             sample, zone = sample[some], zone[some]
         return np.concatenate([np.arange(len(look.zone)), len(look.zone) + sample * zones.size + zone])
 

@@ -14,7 +14,7 @@ from scp_planner.constraints.setup import Setup
 from scp_planner.constraints.swing import Swing, disc_positions
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.threat_zones.nearness import ABREAST, NEAR, nearness_of_samples
+from scp_planner.threat_zones.nearness import NEARNESS, nearness_of_samples
 from scp_planner.trips.trajectory import Trajectory
 
 AS_NEAR = 1e-9  # units of length, by which clearances differ that are one: rounding is to tell no minima
@@ -25,7 +25,7 @@ class DiscClearance(Constraint):
     """Entry of a disc, so many m ahead, into zones, m: at samples around minima of its clearance and some others."""
 
     name: ClassVar[str] = "discs"
-    near: ClassVar[float] = NEAR
+    near: ClassVar[float] = NEARNESS.near
 
     def __init__(self, setup: Setup, zones: ZoneBatch, ahead: float) -> None:
         self.setup, self.zones, self.ahead = setup, zones, ahead
@@ -41,7 +41,7 @@ class DiscClearance(Constraint):
 
     def _depths(self, trip: Trajectory) -> Array:
         points = trip.kept_at(self.setup.samples)
-        clearance = self.zones.distances(points.time, disc_positions(points.path, self.ahead), NEAR)
+        clearance = self.zones.distances(points.time, disc_positions(points.path, self.ahead), NEARNESS.near)
         in_order = clearance[self._order]
         lower = np.ones(clearance.shape, dtype=bool)
         rise = np.diff(in_order, axis=0)
@@ -50,7 +50,7 @@ class DiscClearance(Constraint):
         beside = lower.copy()
         beside[1:] |= lower[:-1]
         beside[:-1] |= lower[1:]
-        beside[::STRIDE] |= in_order[::STRIDE] < nearness_of_samples(self.zones, NEAR)
+        beside[::STRIDE] |= in_order[::STRIDE] < nearness_of_samples(self.zones, NEARNESS.near)
         counts = np.empty_like(beside)
         counts[self._order] = beside
         return np.where(counts, -clearance, -np.inf)
@@ -61,7 +61,9 @@ class DiscClearance(Constraint):
         if self.zones.whole is None:
             return index
         sample, zone = np.divmod(index, self.zones.size)
-        return index[self.zones.leaders(sample, zone, self._contacts(trip, sample, zone), ABREAST * NEAR)]
+        return index[
+            self.zones.leaders(sample, zone, self._contacts(trip, sample, zone), NEARNESS.abreast * NEARNESS.near)
+        ]
 
     def _contacts(self, trip: Trajectory, sample: Index, zone: Index) -> ZoneContacts:
         points = trip.kept_at(self.setup.samples)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,30 +12,35 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 
-RATE = 0.005
-"""Change of the level after a miss, but for the factor 1 - alpha. Misses come in rows, as one wrong prediction is
-followed by others; what is faster takes a row for a trend."""
-ENOUGH = 10.0
-"""Misses at the level asked for, that there must have been room for before regions follow the errors."""
-TOGETHER = 0.01
-"""The rate of all tracks together, over that of each: their errors are many, and depend on each other."""
-SLACK = 0.2
-"""Share of alpha by which the level of one track may be below that of all before it counts: levels of tracks that are
-like all others go up and down by so much."""
-BAND = 0.1
-"""Share of a level within which a region is right as it is: quantiles of so few errors are not known better."""
-NEWEST = 5_000
-"""Errors of all tracks that quantiles are of, for each horizon."""
-STALE = 0.05
-"""Share of them that may be new before they are sorted anew."""
-LEAST = 0.1
-"""The least size of a region: what noise that is declared too large explains tells nothing of where things are."""
-CLOSE = 0.01
-"""Share of its size in variance by which a region that is right is not worth to be changed: zones of one size take less
-time to look at, and where misses go on the size soon leaves this share."""
-_BANDS = np.array([1.0 + BAND, 1.0 - BAND])[:, None, None]
-BEYOND = 2.0
-"""Multiple of the largest squared error that is the quantile for a level of 1."""
+
+@dataclass(frozen=True)
+class ConformalSettings:
+    """Change and size of regions that follow the errors made."""
+
+    # Change of the level after a miss, but for the factor 1 - alpha. Misses come in rows, as one wrong prediction is
+    # followed by others; what is faster takes a row for a trend
+    rate: float = 0.005
+    # Misses at the level asked for, that there must have been room for before regions follow the errors
+    enough: float = 10.0
+    # The rate of all tracks together, over that of each: their errors are many, and depend on each other
+    together: float = 0.01
+    # Share of alpha by which the level of one track may be below that of all before it counts: levels of tracks that
+    # are like all others go up and down by so much
+    slack: float = 0.2
+    # Share of a level within which a region is right as it is: quantiles of so few errors are not known better
+    band: float = 0.1
+    newest: int = 5_000  # Errors of all tracks that quantiles are of, for each horizon
+    stale: float = 0.05  # Share of them that may be new before they are sorted anew
+    # The least size of a region: what noise that is declared too large explains tells nothing of where things are
+    least: float = 0.1
+    # Share of its size in variance by which a region that is right is not worth to be changed: zones of one size take
+    # less time to look at, and where misses go on the size soon leaves this share
+    close: float = 0.01
+    beyond: float = 2.0  # Multiple of the largest squared error that is the quantile for a level of 1
+
+
+CONFORMAL = ConformalSettings()
+_BANDS = np.array([1.0 + CONFORMAL.band, 1.0 - CONFORMAL.band])[:, None, None]
 
 
 def conformal_quantile(scores: ArrayLike, alpha: float, groups: int | None = None) -> float:
@@ -99,14 +105,14 @@ def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
 class AdaptiveScales:
     """Scales of regions by track and horizon, which follow the misses of each."""
 
-    def __init__(self, alpha: float, horizons: int, kinds: int = 1, rate: float = RATE) -> None:
+    def __init__(self, alpha: float, horizons: int, kinds: int = 1, rate: float = CONFORMAL.rate) -> None:
         if not 0.0 < alpha < 1.0:
             raise EstimationError(f"alpha: {alpha!r} is not between 0 and 1")
         if not 0.0 < rate < math.inf:
             raise EstimationError(f"rate: {rate!r} is not a positive number")
         self.alpha, self.rate, self.horizons, self.kinds = alpha, rate, horizons, kinds
         self._errors = [[_Newest() for _ in range(horizons)] for _ in range(kinds + (kinds > 1))]  # the last: of all
-        self._enough = math.ceil(ENOUGH / alpha)
+        self._enough = math.ceil(CONFORMAL.enough / alpha)
         self._every = np.full((kinds, horizons), alpha)
         self._own = np.zeros((0, kinds, horizons))
         self._rows: dict[str, int] = {}
@@ -158,14 +164,14 @@ class AdaptiveScales:
 
     def _sizes(self, rows: Index, kind: int, horizons: range) -> Array:
         """Sizes of n tracks over some horizons, (n, h)."""
-        level = np.minimum(self._every[kind], self._own[rows, kind] + SLACK * self.alpha)
+        level = np.minimum(self._every[kind], self._own[rows, kind] + CONFORMAL.slack * self.alpha)
         level = level[:, horizons.start : horizons.stop]
         levels = level * _BANDS
         known = [self._known(kind, horizon) for horizon in horizons]
         least, most = _quantiles(known, levels.reshape(-1, len(horizons))).reshape(levels.shape)
         found = np.minimum(np.maximum(least, 1.0), most)
-        close = np.abs(found - 1.0) <= CLOSE
-        np.maximum(found, LEAST, out=found)
+        close = np.abs(found - 1.0) <= CONFORMAL.close
+        np.maximum(found, CONFORMAL.least, out=found)
         found[close] = 1.0
         return np.asarray(found)
 
@@ -180,7 +186,7 @@ class AdaptiveScales:
             errors, every = self._known(k, horizon), self._every[k, horizon]
             of_all = score > _quantiles([errors], np.array([[every]]))[0]
             moved = self._own[own, k, horizon] + self.rate * (self.alpha - missed)
-            every += TOGETHER * self.rate * float((self.alpha - of_all).sum())
+            every += CONFORMAL.together * self.rate * float((self.alpha - of_all).sum())
             self._every[k, horizon] = every = min(max(every, 0.0), 1.0)
             self._own[own, k, horizon] = np.minimum(moved, every)
             self.missed[horizon] += int(missed.sum())
@@ -208,20 +214,20 @@ class _Newest:
 
     def add(self, errors: Array) -> None:
         """Add some, (n,); the oldest go if there are too many."""
-        new = errors[-NEWEST:]
-        if self.count < NEWEST and self.count + len(new) > len(self._errors):
-            size = min(max(2 * len(self._errors), len(new) + self.count, 256), NEWEST)
+        new = errors[-CONFORMAL.newest :]
+        if self.count < CONFORMAL.newest and self.count + len(new) > len(self._errors):
+            size = min(max(2 * len(self._errors), len(new) + self.count, 256), CONFORMAL.newest)
             self._errors = np.concatenate([self._errors, np.zeros(size - len(self._errors))])
-        where = (self._place + np.arange(len(new))) % NEWEST
+        where = (self._place + np.arange(len(new))) % CONFORMAL.newest
         self._errors[where] = new
-        self._place = (self._place + len(new)) % NEWEST
-        self.count = min(self.count + len(new), NEWEST)
+        self._place = (self._place + len(new)) % CONFORMAL.newest
+        self.count = min(self.count + len(new), CONFORMAL.newest)
         self._fresh += len(new)
 
     @property
     def ranked(self) -> Array:
         """They in order, but for a few of the newest."""
-        if not len(self._sorted) or self._fresh > STALE * self.count:
+        if not len(self._sorted) or self._fresh > CONFORMAL.stale * self.count:
             self._sorted, self._fresh = np.sort(self._errors[: self.count]), 0
         return self._sorted
 
@@ -238,5 +244,5 @@ def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
     for column, each in enumerate(known):
         if each is not None:
             found[:, column] = each[rank[:, column]]
-            found[outside[:, column], column] = BEYOND * each[-1]
+            found[outside[:, column], column] = CONFORMAL.beyond * each[-1]
     return found

@@ -18,11 +18,19 @@ from scp_planner.scenario.process_model import (
     SingerAcceleration,
 )
 
-_SERIES = 0.05  # below this many time constants a series is used
-_SERIES_TERMS = 10
-_LAG_DIGITS = 12  # after the point, s, that tell lags apart
-_QUADRATURE = 1.0  # below this many time constants quadrature is used
-_NODES = 10  # of Gauss' rule: exact to rounding for lags that short
+
+@dataclass(frozen=True)
+class ShortLags:
+    """Series and quadrature in place of closed forms that lose digits at short lags."""
+
+    series: float = 0.05  # below this many time constants a series is used
+    terms: int = 10
+    lag_digits: int = 12  # after the point, s, that tell lags apart
+    quadrature: float = 1.0  # below this many time constants quadrature is used
+    nodes: int = 10  # of Gauss' rule: exact to rounding for lags that short
+
+
+SHORT = ShortLags()
 
 
 @dataclass(frozen=True)
@@ -170,7 +178,7 @@ class MeanReverting(Dynamics):
         q = np.zeros((*lag.shape, 3, 3))
         # (z - 2 (1 - e^-z) + (1 - e^-2z) / 2) tau^3, by series where it cancels
         long = tau**3 * (z - 2.0 * fall - 0.5 * np.expm1(-2.0 * z))
-        near = z < _QUADRATURE
+        near = z < SHORT.quadrature
         q[..., 0, 0] = long
         q[near, 0, 0] = _quadrature(lambda s: (s * _phi1(s / tau)) ** 2, lag[near])
         q[..., 0, 1] = q[..., 1, 0] = 0.5 * (tau * fall) ** 2
@@ -241,8 +249,8 @@ class Singer(Dynamics):
         q = np.empty((*lag.shape, 3, 3))
         for (i, j), twice in closed.items():
             q[..., i, j] = q[..., j, i] = 0.5 * twice
-        near = z < _QUADRATURE  # where the closed form cancels
-        half, rule = 0.5 * lag[near][:, None], gauss_rule(_NODES)
+        near = z < SHORT.quadrature  # where the closed form cancels
+        half, rule = 0.5 * lag[near][:, None], gauss_rule(SHORT.nodes)
         responses = self._responses(half * (1.0 + rule.nodes))
         q[near] = ((half * rule.weights)[:, None] * responses) @ np.swapaxes(responses, -1, -2)
         return 2.0 * self.deviation**2 / tau * q
@@ -278,7 +286,7 @@ def _once(matrices: Callable[[Array], Array], lag: Array) -> Array:
     """Compute the matrices of lags that come many times, but for rounding, only once."""
     if lag.ndim == 0:
         return matrices(lag)
-    lags, places = np.unique(np.round(lag, _LAG_DIGITS), return_inverse=True)
+    lags, places = np.unique(np.round(lag, SHORT.lag_digits), return_inverse=True)
     return matrices(lags)[places.reshape(lag.shape)]
 
 
@@ -290,14 +298,14 @@ def _phi1(z: Array) -> Array:
 
 def _phi2(z: Array) -> Array:
     """(z - 1 + e^-z) / z^2 for z >= 0."""
-    safe = np.maximum(z, _SERIES)
+    safe = np.maximum(z, SHORT.series)
     series = np.zeros_like(z)
-    for k in range(_SERIES_TERMS, 1, -1):  # sum of (-z)^(k - 2) / k!
-        series = 1.0 - z / (k + 1) * series if k < _SERIES_TERMS else np.ones_like(z)
-    return np.where(z < _SERIES, 0.5 * series, (safe + np.expm1(-safe)) / safe**2)
+    for k in range(SHORT.terms, 1, -1):  # sum of (-z)^(k - 2) / k!
+        series = 1.0 - z / (k + 1) * series if k < SHORT.terms else np.ones_like(z)
+    return np.where(z < SHORT.series, 0.5 * series, (safe + np.expm1(-safe)) / safe**2)
 
 
 def _quadrature(integrand: Callable[[Array], Array], lag: Array) -> Array:
     """Integrate over [0, lag] for each lag."""
-    half, rule = 0.5 * lag[..., None], gauss_rule(_NODES)
+    half, rule = 0.5 * lag[..., None], gauss_rule(SHORT.nodes)
     return np.sum(half * rule.weights * integrand(half * (1.0 + rule.nodes)), axis=-1)

@@ -15,10 +15,18 @@ from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import CheckedObservations
 from scp_planner.estimation.tolerances import LAST_DIGITS
 
-LEAST_NOISE = 1e-6
-"""Least standard deviation of a noise that is estimated, relative to how far the observed positions are apart."""
-LEAST_RATIO = 1e-2
-"""Least ratio of the standard deviations of a noise that is estimated, of the smaller one to the larger one."""
+
+@dataclass(frozen=True)
+class NoiseBounds:
+    """Least noise that is estimated."""
+
+    # Least standard deviation of a noise that is estimated, relative to how far the observed positions are apart
+    least: float = 1e-6
+    # Least ratio of the standard deviations of a noise that is estimated, of the smaller one to the larger one
+    least_ratio: float = 1e-2
+
+
+NOISE_BOUNDS = NoiseBounds()
 
 
 class Noise(StrEnum):
@@ -191,7 +199,7 @@ class Extent:
     def least_variance(self, count: float) -> float:
         """Smallest variance that can be estimated from so many observations, m^2."""
         rounding = LAST_DIGITS * float(np.abs(self.origin).max())
-        return LEAST_NOISE**2 * self.square / count + rounding * rounding + self.known * self.known
+        return NOISE_BOUNDS.least**2 * self.square / count + rounding * rounding + self.known * self.known
 
 
 def estimated_noise(scatter: Array, moments: Moments, noise: Noise, extent: Extent) -> tuple[Array, ErrorLaw]:
@@ -214,7 +222,7 @@ def _at_least(sigma: Array, least: float) -> Array:
     """Covariance (2, 2) whose smaller variance is raised to a least one, and to a share of the larger one."""
     mean, half = 0.5 * (sigma[0, 0] + sigma[1, 1]), 0.5 * (sigma[0, 0] - sigma[1, 1])
     spread = math.hypot(float(half), float(sigma[0, 1]))
-    least = max(least, LEAST_RATIO**2 * float(mean + spread))
+    least = max(least, NOISE_BOUNDS.least_ratio**2 * float(mean + spread))
     if float(mean - spread) >= least:
         return sigma
     values, vectors = np.linalg.eigh(0.5 * (sigma + sigma.T))

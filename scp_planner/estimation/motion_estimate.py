@@ -18,8 +18,17 @@ from scp_planner.estimation.tolerances import EQUAL_EIGENVALUES, LENGTH_TOLERANC
 from scp_planner.mathematics.quadrature import gauss_rule
 
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
-_PANEL_NODES = 12
-_MOST_PANELS = 1024
+
+
+@dataclass(frozen=True)
+class LengthIntegral:
+    """Quadrature of standardised lengths."""
+
+    panel_nodes: int = 12
+    most_panels: int = 1024
+
+
+INTEGRAL = LengthIntegral()
 
 
 @dataclass(frozen=True)
@@ -289,14 +298,14 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
 
 def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Array:
     """Integrate smooth functions >= 0, of times (L,) to (..., L), by Gauss-Legendre panels until two answers agree."""
-    panels, rule = 2, gauss_rule(_PANEL_NODES)
+    panels, rule = 2, gauss_rule(INTEGRAL.panel_nodes)
     answer = np.array(np.inf)
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
         total = np.asarray(half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights))
-        if panels >= _MOST_PANELS or np.all(np.abs(total - answer) <= LENGTH_TOLERANCE * total):
+        if panels >= INTEGRAL.most_panels or np.all(np.abs(total - answer) <= LENGTH_TOLERANCE * total):
             return total
         answer, panels = total, 2 * panels
 

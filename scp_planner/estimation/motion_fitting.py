@@ -20,27 +20,30 @@ from scp_planner.estimation.track_units import step_lengths, unit_of, usual_para
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 
-LEAD_TIMES = (0.4, 1.2, 2.4, 4.8)
-"""s; as the forecasts of pedestrians are usually judged."""
 
-TAIL_SHARE = 0.1
-"""The share of prediction errors, the largest, that the tails are fitted to."""
+@dataclass(frozen=True)
+class FitSettings:
+    """Lead times, bounds and tails of a fit."""
 
+    lead_times: tuple[float, ...] = (0.4, 1.2, 2.4, 4.8)  # s; as the forecasts of pedestrians are usually judged
+    tail_share: float = 0.1  # The share of prediction errors, the largest, that the tails are fitted to
+    longest_piece: int = 40  # positions; longer tracks are cut, so that the filter runs over many at once
+    groups: int = 20  # of tracks, for the jackknife
+    fewest_tracks: int = 10  # that reach a lead time, for its tail to be fitted
+    bounds: tuple[float, float] = (1e-7, 1e4)  # of any parameter, in its unit, but
+    time_constants: tuple[float, float] = (1e-2, 1e3)  # units of time
+    least_noise: float = 1e-3  # of the usual distance between positions: less does not matter
+    at_bound: float = 0.01  # relative: a parameter so near to its bound is at it
+    lead_tolerance: float = 0.501  # of the usual time between positions: how near to a lead time one must be
+    matched: int = 0  # which of them exactly, for each lead time
+    most_spread: float = 0.7  # standard deviation of a log quantile that is believed
+    degrees: tuple[float, float] = (1.0, 200.0)  # of freedom: bounds
+
+
+FIT = FitSettings()
 _logger = logging.getLogger(__name__)
 
-_LONGEST_PIECE = 40  # positions; longer tracks are cut, so that the filter runs over many at once
-_GROUPS = 20  # of tracks, for the jackknife
-_FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
-_BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
-_TIME_CONSTANTS = (1e-2, 1e3)  # units of time
-_LEAST_NOISE = 1e-3  # of the usual distance between positions: less does not matter
-_AT_BOUND = 0.01  # relative: a parameter so near to its bound is at it
-_LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
 _LEVELS = np.array([0.05, 0.02, 0.01, 0.005])  # tail probabilities that one Student distribution is matched to
-_MATCHED = 0  # which of them exactly, for each lead time
-_MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
-_DEGREES = (1.0, 200.0)  # of freedom: bounds
-
 _PARAMETERS = {
     "random_walk": ("diffusion",),
     "mean_reverting": ("diffusion", "time_constant"),
@@ -54,7 +57,7 @@ def fit_motion_model(
     kind: str = "random_walk",
     *,
     window: int = 8,
-    lead_times: Sequence[float] = LEAD_TIMES,
+    lead_times: Sequence[float] = FIT.lead_times,
     tails: bool = True,
     conformal: float | None = None,
     noise: float | None = None,
@@ -148,7 +151,7 @@ def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tu
     steps = np.concatenate([np.diff(track.times) for track in tracks])
     if not len(steps):
         raise EstimationError("tracks: none has more than one position")
-    tolerance = _LEAD_TOLERANCE * float(np.median(steps))
+    tolerance = FIT.lead_tolerance * float(np.median(steps))
     long = [(i, track) for i, track in enumerate(tracks) if len(track) > window]
     times = [np.lib.stride_tricks.sliding_window_view(track.times[:-1], window) for _, track in long]
     positions = [np.lib.stride_tricks.sliding_window_view(t.positions[:-1], window, axis=0) for _, t in long]
@@ -179,7 +182,7 @@ def _targets(tracks: Sequence[Track], firsts: Index, window: int, lead_time: flo
 
 
 def prediction_errors(
-    tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = LEAD_TIMES
+    tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = FIT.lead_times
 ) -> list[PredictionErrors]:
     """Predict from every stretch of ``window`` positions of every track, and compare with what came."""
     stretches, targets = stretches_of(tracks, window, lead_times)
@@ -212,18 +215,18 @@ def prediction_errors(
 
 def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
     """Fit Student tails to prediction errors; lead times that too few tracks reach are left out."""
-    usable = [e for e in errors if len(np.unique(e.tracks)) >= _FEWEST_TRACKS]
+    usable = [e for e in errors if len(np.unique(e.tracks)) >= FIT.fewest_tracks]
     if not usable:
         raise EstimationError(
-            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to: how often "
-            "errors are large; without them, tails=False or --no-tails, regions hold less than they say"
+            f"tracks: fewer than {FIT.fewest_tracks} reach any of the lead times, too few to fit the tails to: how "
+            "often errors are large; without them, tails=False or --no-tails, regions hold less than they say"
         )
     for e in errors:
         if e not in usable:
-            _logger.warning("lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, _FEWEST_TRACKS)
+            _logger.warning("lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, FIT.fewest_tracks)
     quantiles = np.array([_tail_quantiles(e) for e in usable])
     degrees = _common_degrees(quantiles)
-    inflations = quantiles[:, _MATCHED] / _student_quantiles(degrees)[_MATCHED]
+    inflations = quantiles[:, FIT.matched] / _student_quantiles(degrees)[FIT.matched]
     return Tails(
         degrees_of_freedom=degrees,
         lead_time=tuple(e.lead_time for e in usable),
@@ -233,7 +236,7 @@ def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
 
 def conformal_tails(errors: Sequence[PredictionErrors], tails: Tails | None, alpha: float) -> Tails:
     """Inflate covariances so that a region of one level is split-conformal at each lead time."""
-    degrees = _DEGREES[1] if tails is None else tails.degrees_of_freedom
+    degrees = FIT.degrees[1] if tails is None else tails.degrees_of_freedom
     scale = StudentErrors(degrees).pointwise_scale(alpha)
     found = [(e.lead_time, conformal_quantile(e.squares, alpha, len(np.unique(e.tracks)))) for e in errors]
     usable = [(lead, quantile / scale) for lead, quantile in found if 0.0 < quantile < math.inf]
@@ -258,7 +261,7 @@ class _TrackPieces:
 def _pieces(tracks: Tracks) -> _TrackPieces:
     pieces: list[Track] = []
     for track in tracks:
-        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / _LONGEST_PIECE))
+        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / FIT.longest_piece))
         pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
     if not pieces:
         raise EstimationError("tracks: none has more than one position")
@@ -310,22 +313,22 @@ def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
     values = {**process, "velocity_deviation": model.velocity_deviation, "noise_deviation": model.noise_deviation}
     bounds = {name: _bounds_of(name, tracks) for name in values}
     if model.tails is not None:
-        values["degrees_of_freedom"], bounds["degrees_of_freedom"] = model.tails.degrees_of_freedom, _DEGREES
+        values["degrees_of_freedom"], bounds["degrees_of_freedom"] = model.tails.degrees_of_freedom, FIT.degrees
     return [
         f"{name} ended at its {which} bound, {bound:.3g}: the tracks do not tell how much {word} it is"
         for name, value in values.items()
         for bound, which, word in zip(bounds[name], ("lower", "upper"), ("less", "more"), strict=True)
-        if abs(math.log(value / bound)) < _AT_BOUND
+        if abs(math.log(value / bound)) < FIT.at_bound
     ]
 
 
 def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
     """Least and largest value of a parameter that are tried, in SI."""
     unit = unit_of(name, tracks)
-    least, most = (unit * bound for bound in (_TIME_CONSTANTS if name == "time_constant" else _BOUNDS))
+    least, most = (unit * bound for bound in (FIT.time_constants if name == "time_constant" else FIT.bounds))
     if name == "noise_deviation":
         steps = step_lengths(tracks)
-        least = max(least, _LEAST_NOISE * float(steps.mean()) if len(steps) else 0.0)
+        least = max(least, FIT.least_noise * float(steps.mean()) if len(steps) else 0.0)
     return least, most
 
 
@@ -362,17 +365,17 @@ def _tail_quantiles(errors: PredictionErrors) -> Array:
     """Give the squares that the next tracks' errors exceed with each of `_LEVELS`, the fit's own error counted in."""
     best = _censored_fit(errors.squares, np.log([1.0, 6.0]))
     places = np.unique(errors.tracks, return_inverse=True)[1]
-    groups = places * _GROUPS // (places.max() + 1)  # of neighbours: people who walk together are in one
+    groups = places * FIT.groups // (places.max() + 1)  # of neighbours: people who walk together are in one
     numbers = np.unique(groups)
     left_out = np.array([_censored_fit(errors.squares[groups != g], best) for g in numbers])
     logs = np.array([each[0] + np.log(_student_quantiles(math.exp(each[1]))) for each in left_out])
-    spread = np.minimum((len(numbers) - 1.0) * np.var(logs, axis=0), _MOST_SPREAD**2)
+    spread = np.minimum((len(numbers) - 1.0) * np.var(logs, axis=0), FIT.most_spread**2)
     inflation, degrees = np.exp(best)
     steepness = 0.5 * degrees * (1.0 - _LEVELS ** (2.0 / degrees))
     quantiles = inflation * _student_quantiles(degrees, _LEVELS * np.exp(-0.5 * steepness**2 * spread))
     # a Student distribution is not quite the right shape: take it where it matters most from the errors themselves
-    fitted = inflation * _student_quantiles(degrees)[_MATCHED]
-    anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[_MATCHED])) / fitted
+    fitted = inflation * _student_quantiles(degrees)[FIT.matched]
+    anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[FIT.matched])) / fitted
     return anchor * quantiles
 
 
@@ -380,7 +383,7 @@ def _censored_fit(squares: Array, start: Array) -> Array:
     """Fit a Student distribution to the outer `TAIL_SHARE` of the squared errors: log inflation, log degrees."""
     from scipy.optimize import minimize
 
-    threshold = float(np.quantile(squares, 1.0 - TAIL_SHARE))
+    threshold = float(np.quantile(squares, 1.0 - FIT.tail_share))
     outer = squares[squares > threshold]
     share = len(outer) / len(squares)
 
@@ -390,7 +393,7 @@ def _censored_fit(squares: Array, start: Array) -> Array:
         density = -math.log(2.0 * a) - (0.5 * nu + 1.0) * float(np.mean(np.log1p(outer / (nu * a))))
         return -(1.0 - share) * math.log(inside) - share * density
 
-    bounds = [tuple(np.log(_BOUNDS)), tuple(np.log(_DEGREES))]
+    bounds = [tuple(np.log(FIT.bounds)), tuple(np.log(FIT.degrees))]
     return np.asarray(minimize(cost, start, method="L-BFGS-B", bounds=bounds).x)
 
 
@@ -405,6 +408,6 @@ def _common_degrees(quantiles: Array) -> float:
 
     def miss(log_degrees: float) -> float:
         shape = _student_quantiles(math.exp(log_degrees))
-        return float(np.sum(np.log(quantiles / quantiles[:, [_MATCHED]] * shape[_MATCHED] / shape) ** 2))
+        return float(np.sum(np.log(quantiles / quantiles[:, [FIT.matched]] * shape[FIT.matched] / shape) ** 2))
 
-    return math.exp(float(minimize_scalar(miss, bounds=tuple(np.log(_DEGREES)), method="bounded").x))
+    return math.exp(float(minimize_scalar(miss, bounds=tuple(np.log(FIT.degrees)), method="bounded").x))

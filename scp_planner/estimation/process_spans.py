@@ -21,21 +21,28 @@ from scp_planner.estimation.motion_estimate import (
 )
 from scp_planner.scenario.process_model import Tails
 
-CENTER_TOLERANCE = 1e-3
-"""m; how far piecewise polynomials may lie from a predicted centre that is not polynomial."""
 
-COVARIANCE_TOLERANCE = 1e-3
-"""Relative; how much piecewise polynomials may exceed a covariance that is not polynomial."""
+@dataclass(frozen=True)
+class SpanSettings:
+    """Precision of piecewise polynomials of a predicted motion."""
 
-_MOST_HALVINGS = 12
-_HALVED = 7  # pieces of a motion that is not polynomial that are tried first, each twice as long as the one before
-_CHECKS = 21  # points of a piece at which its error is measured
+    # m; how far piecewise polynomials may lie from a predicted centre that is not polynomial
+    center_tolerance: float = 1e-3
+    # Relative; how much piecewise polynomials may exceed a covariance that is not polynomial
+    covariance_tolerance: float = 1e-3
+    most_halvings: int = 12
+    # pieces of a motion that is not polynomial that are tried first, each twice as long as the one before
+    halved: int = 7
+    checks: int = 21  # points of a piece at which its error is measured
+    kept: int = 256  # sets of lead times
+
+
+SPANS = SpanSettings()
 _EXPONENTS = np.arange(POLYNOMIAL_TERMS)
 _NODES = 0.5 - 0.5 * np.cos(np.pi * _EXPONENTS / (POLYNOMIAL_TERMS - 1))  # Chebyshev-Lobatto: neighbours meet
-_BETWEEN = np.linspace(0.0, 1.0, _CHECKS)
+_BETWEEN = np.linspace(0.0, 1.0, SPANS.checks)
 _POWERS = _BETWEEN[:, None] ** _EXPONENTS
 _SOLVE = np.linalg.inv(_NODES[:, None] ** _EXPONENTS)
-_KEPT = 256  # sets of lead times
 _XX, _XY, _YY = 0, 1, 2  # entries of covariances
 
 
@@ -88,7 +95,7 @@ class ProcessSpans:
         bends = () if self.tails is None else self.tails.lead_time
         leads = np.array([first, *(lead for lead in bends if first < lead < last), last])
         if not isinstance(self.dynamics, RandomWalk):  # hard to follow at first, easy later
-            halved = first + (last - first) * 0.5 ** np.arange(_HALVED, 0, -1)
+            halved = first + (last - first) * 0.5 ** np.arange(SPANS.halved, 0, -1)
             leads = np.unique(np.concatenate([leads, halved]))
         fitted, missed = self.interpolated(leads)
         for number in np.flatnonzero(missed.any(axis=1)).tolist():
@@ -118,7 +125,7 @@ class ProcessSpans:
         times = self.reference_time + leads
         worst = center_error.max(axis=1).tolist(), (2.0 * covariance_error.max(axis=1)).tolist()
         fitted = [MotionPolynomials(times, *each) for each in zip(center, covariance, *worst, strict=True)]
-        return fitted, (center_error > CENTER_TOLERANCE) | (covariance_error > COVARIANCE_TOLERANCE)
+        return fitted, (center_error > SPANS.center_tolerance) | (covariance_error > SPANS.covariance_tolerance)
 
     def _positions(self, leads: Array) -> tuple[Array, Array]:
         """Centres (n, S, K, 2), and xx, xy, yy of covariances (n, S, K, 3), at nodes of pieces and between them."""
@@ -143,7 +150,7 @@ def _lengths(spans: ProcessSpans, first: float, last: float, scale: float) -> Ar
 
 def _halved(single: ProcessSpans, leads: Array, missed: Mask) -> MotionPolynomials:
     """Halve the pieces of a single motion that are off by too much, until none is."""
-    for _ in range(_MOST_HALVINGS):
+    for _ in range(SPANS.most_halvings):
         leads = np.sort(np.concatenate([leads, 0.5 * (leads[1:] + leads[:-1])[missed]]))
         fitted, still = single.interpolated(leads)
         missed = still[0]
@@ -152,7 +159,7 @@ def _halved(single: ProcessSpans, leads: Array, missed: Mask) -> MotionPolynomia
     return fitted[0]
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=SPANS.kept)
 def _rate_products(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
     """Maps from pairs of states to covariances of position and velocity, (3 L, d d), and noise, (3, L)."""
     lead = np.frombuffer(leads)
@@ -160,7 +167,7 @@ def _rate_products(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
     return row_products(f[:, 0], f[:, 1]), np.stack([q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]])
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=SPANS.kept)
 def _position_responses(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array, Array, Array]:
     """Maps from states to positions, (S K, d), and from pairs of them, (S K, d d), noise (S, K), lead times, s."""
     ends = np.frombuffer(leads)

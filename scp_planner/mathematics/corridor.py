@@ -17,25 +17,33 @@ from scp_planner.mathematics.tolerances import COORDINATE_ROUNDING, UNCOVERED
 
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
-WALL = 3.0  # units of length, least thickness
-NEAR = 3e-5  # relative to the same: what is farther from a line is on its side; shorter edges have no direction
-MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
-MOST_PIECES = 200  # after which pieces do not overlap any more
 
-REMEMBERED = 64  # corridors whose outside is kept
-AT_ONCE = 2**18  # pairs of boxes that are compared together
 
+@dataclass(frozen=True)
+class CorridorSize:
+    """Thickness, accuracy and size of the outside of a corridor."""
+
+    wall: float = 3.0  # units of length, least thickness
+    # relative to the same: what is farther from a line is on its side; shorter edges have no direction
+    near: float = 3e-5
+    most_corners: int = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
+    most_pieces: int = 200  # after which pieces do not overlap any more
+    remembered: int = 64  # corridors whose outside is kept
+    at_once: int = 2**18  # pairs of boxes that are compared together
+
+
+SIZE = CorridorSize()
 Polygon = Sequence[planar.Point]
 Edge = tuple[planar.Point, planar.Point]
 
 
-def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
+def outside(polygons: Sequence[Polygon], wall: float = SIZE.wall) -> list[Polygon]:
     """Return convex polygons that cover what lies outside the union of convex polygons, as far as a wall is thick."""
     rings = [planar.anticlockwise(polygon) for polygon in polygons]
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
     left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
     largest = max(abs(side) for side in (left, right, low, high))
-    thin, near = COORDINATE_ROUNDING * largest, NEAR * largest
+    thin, near = COORDINATE_ROUNDING * largest, SIZE.near * largest
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
     for polygon in rings:
@@ -55,13 +63,13 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     return [piece for piece in merged if len(piece) >= 3]
 
 
-@lru_cache(maxsize=REMEMBERED)
+@lru_cache(maxsize=SIZE.remembered)
 def known_outside(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
     """Return :func:`outside` of convex polygons in natural units: made once, when a scenario is checked, and kept."""
     return tuple(outside(polygons))
 
 
-@lru_cache(maxsize=REMEMBERED)
+@lru_cache(maxsize=SIZE.remembered)
 def known_outlines(polygons: tuple[Polygon, ...], place: planar.Point) -> tuple[Outline, ...]:
     """Return :func:`known_outside` of the same as outlines seen from a place: made then, too, and kept."""
     return outlines_from(place, known_outside(polygons))
@@ -101,7 +109,7 @@ def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.P
     return tuple(reversed(points))
 
 
-@lru_cache(maxsize=REMEMBERED)
+@lru_cache(maxsize=SIZE.remembered)
 def known_way(polygons: tuple[Polygon, ...], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
     """Return :func:`way_through` of the same, made and kept as :func:`known_outside`."""
     return way_through(polygons, start, goal)
@@ -147,7 +155,7 @@ def _beyond(piece: Polygon, cut: Sequence[Edge], thin: float, count: int) -> lis
     """The parts of a convex polygon that lie beyond each edge of another which may cut it; None if they are apart."""
     left, parts = piece, []
     for a, b in cut:
-        part = _clipped(left if count > MOST_PIECES else piece, b, a)
+        part = _clipped(left if count > SIZE.most_pieces else piece, b, a)
         if len(part) >= 3 and not (one := _Piece.of(part)).is_thin(thin):
             parts.append(one)
         left = _clipped(left, a, b)
@@ -265,7 +273,7 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], thin: float)
     new = sorted(new, key=lambda one: one.area, reverse=True)
     own = np.array([piece.box for piece in new]).reshape(-1, 4)
     chosen: list[int] = []
-    step = max(1, AT_ONCE // (len(boxes) + len(new) + 1))
+    step = max(1, SIZE.at_once // (len(boxes) + len(new) + 1))
     # Boxes first, of many at once: most pieces are elsewhere.
     for begin in range(0, len(new), step):
         some = own[begin : begin + step]

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
 from scp_planner.mathematics.tolerances import NEARLY_REAL, NO_LEAD, SHORTEST_COURSE
 
-SLOW = 0.05
-"""Share of a course's top speed below which it stands."""
-ON_ITS_WAY = 0.1
-"""Share of a course's length: a place that is not left by so much at the speed above jitters."""
-EACH_PIECE = 16
-"""Looks at how far it has come, where it stands, in each piece of a course."""
+
+@dataclass(frozen=True)
+class Standing:
+    """Measures of a course that stands or jitters."""
+
+    slow: float = 0.05  # Share of a course's top speed below which it stands
+    # Share of a course's length: a place that is not left by so much at the speed above jitters
+    on_its_way: float = 0.1
+    each_piece: int = 16  # Looks at how far it has come, where it stands, in each piece of a course
+
+
+STANDING = Standing()
 
 
 def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePolynomials | None:
@@ -49,10 +57,10 @@ def _runs(course: PiecewisePolynomials, length: float) -> list[tuple[float, floa
     """Times from and to which a course is on its way, s, in order."""
     breaks = course.breakpoints[0, 1:-1]
     first, last = breaks[[0, -1]].tolist()
-    slow = SLOW * _fastest(course, breaks)
+    slow = STANDING.slow * _fastest(course, breaks)
     if slow == 0.0:
         return []
-    far = ON_ITS_WAY * length
+    far = STANDING.on_its_way * length
     reach = far / slow
     knots = np.unique(np.clip(np.concatenate([breaks, breaks - reach, breaks + reach]), first, last))
     middle, half = 0.5 * (knots[1:] + knots[:-1]), 0.5 * np.diff(knots)
@@ -131,7 +139,7 @@ def _roots(coefficients: Array) -> Array:
 def _looks(course: PiecewisePolynomials, begin: float, end: float) -> Array:
     """Times in each piece of a course between two, and these, s."""
     breaks = course.breakpoints[0, 1:-1]
-    share = np.arange(EACH_PIECE) / EACH_PIECE
+    share = np.arange(STANDING.each_piece) / STANDING.each_piece
     times = (breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()
     return np.concatenate([[begin], times[(times > begin) & (times < end)], [end]])
 

@@ -13,8 +13,16 @@ from scp_planner.mathematics.ellipse import Contact, ellipse_contact, far_ellips
 from scp_planner.mathematics.frames import covariance_turned_back
 from scp_planner.mathematics.tolerances import AT_VERTEX, STRAIGHT
 
-SUM_GRID = 64  # directions from which the distance to the sum of two ellipses is searched
-SUM_SECTIONS = 40  # golden sections: 0.1 rad * 0.618^40 < 1e-9 rad
+
+@dataclass(frozen=True)
+class SumSearch:
+    """Search for the distance to the sum of two ellipses."""
+
+    grid: int = 64  # directions from which the distance to the sum of two ellipses is searched
+    sections: int = 40  # golden sections: 0.1 rad * 0.618^40 < 1e-9 rad
+
+
+SUM_SEARCH = SumSearch()
 
 
 @dataclass(frozen=True)
@@ -299,8 +307,8 @@ class Edges:
 
 def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
     """Signed distance from points to sums of two ellipses about the origin."""
-    step = 2.0 * np.pi / SUM_GRID
-    grid = np.broadcast_to(step * np.arange(SUM_GRID), (len(offset), SUM_GRID))
+    step = 2.0 * np.pi / SUM_SEARCH.grid
+    grid = np.broadcast_to(step * np.arange(SUM_SEARCH.grid), (len(offset), SUM_SEARCH.grid))
     # Flat ellipses have sharp maxima: theirs alone, and the directions in which they are thin, are tried as well.
     more = [offset, ellipse_contact(offset, first).normal, ellipse_contact(offset, second).normal]
     angles = [np.arctan2(vector[:, 1], vector[:, 0]) for vector in more]
@@ -321,7 +329,7 @@ def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
     inner = np.stack([high - golden * (high - low), low + golden * (high - low)])
     value = np.stack([separation(inner[0]), separation(inner[1])])
-    for _ in range(SUM_SECTIONS):
+    for _ in range(SUM_SEARCH.sections):
         left = value[0] > value[1]
         low, high = np.where(left, low, inner[0]), np.where(left, inner[1], high)
         fresh = np.where(left, high - golden * (high - low), low + golden * (high - low))

@@ -17,7 +17,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
 from scp_planner.search.grid import Fineness
-from scp_planner.search.ways import BRANCHES
+from scp_planner.search.ways import WAYS
 from scp_planner.trips.trip import Trip
 
 

@@ -28,7 +28,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.grid import Fineness
-from scp_planner.search.ways import BRANCHES, WaySearch, ways_in_parts
+from scp_planner.search.ways import WAYS, WaySearch, ways_in_parts
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.solvers import QpSolver
@@ -188,7 +188,7 @@ class Means:
         cutoff: Callable[[], float],
         deadline: Callable[[], float],
         fineness: Fineness,
-        part: int = BRANCHES,
+        part: int = WAYS.branches,
     ) -> Iterator[Trip | None]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s."""
         any_way = False

@@ -20,23 +20,24 @@ from scp_planner.trips.trip import Trip
 
 _ORDERS = ("standing", "constant velocity", "constant acceleration")
 
-TRIFLE = 0.05
-"""Relative to the gravest violation: smaller ones come along with it and are not reported."""
 
-SMALL = 0.1
-"""Relative to a limit, or to the vehicle's radius."""
+@dataclass(frozen=True)
+class Report:
+    """Contents of an explanation."""
 
-FEWEST_PENALTIES = 1e-3  # units of time; less is rounding
-LOOKED_AHEAD = 2.0
-"""Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival."""
+    trifle: float = 0.05  # Relative to the gravest violation: smaller ones come along with it and are not reported
+    small: float = 0.1  # Relative to a limit, or to the vehicle's radius
+    fewest_penalties: float = 1e-3  # units of time; less is rounding
+    # Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival
+    looked_ahead: float = 2.0
+    most_culprits: int = 4
+    most_named: int = 3  # Number of alike obstacles that are named
+    touching: float = 0.1  # of the vehicle's radius
+    trip_looks: int = 65  # at times of a trip
 
+
+REPORT = Report()
 UNCHECKED = "No time was left to check the trip"
-MOST_CULPRITS = 4
-MOST_NAMED = 3
-"""Number of alike obstacles that are named."""
-TOUCHING = 0.1  # of the vehicle's radius
-TRIP_LOOKS = 65  # at times of a trip
-
 _ENDS = {
     LoopStatus.CONVERGED: "the loop converged",
     LoopStatus.STALLED: "the trust region became tiny before the loop converged",
@@ -61,7 +62,7 @@ class Ending:
     def of(cls, run: LoopRun, tried: Mapping[str, int], time: float = 1.0) -> Ending:
         """Return the ending of a run in natural units, with ``time`` the unit of time, s."""
         left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
-        return cls(run.status, left * time if left > FEWEST_PENALTIES else 0.0, tried)
+        return cls(run.status, left * time if left > REPORT.fewest_penalties else 0.0, tried)
 
 
 def explain(
@@ -86,7 +87,7 @@ def explain(
 def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
     """Return the violations of a certificate, gravest first, without the trifles that come along with them."""
     severity = {violation: _severity(scenario, trip, violation) for violation in certificate.violations}
-    trifle = min(TRIFLE * max(severity.values(), default=0.0), SMALL)
+    trifle = min(REPORT.trifle * max(severity.values(), default=0.0), REPORT.small)
     grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
     first = {(each.what, each.obstacle): each for each in reversed(grave)}
     return [each for each in grave if first[each.what, each.obstacle] is each]
@@ -191,7 +192,7 @@ def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], 
     others = [name for name in wide if name != worst.obstacle]
     told = f"That is more than the whole scene, {size:.3g} m"
     if others:
-        named = ", ".join(others[:MOST_NAMED]) + (", ..." if len(others) > MOST_NAMED else "")
+        named = ", ".join(others[: REPORT.most_named]) + (", ..." if len(others) > REPORT.most_named else "")
         told += f", as of {len(others)} more ({named})"
     believed = [model.order for model in wide.values() if model.process is None]
     if not believed:
@@ -217,7 +218,7 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
     stop = start.speed / vehicle.max_deceleration
     if violation.time > start.time + stop:
         return
-    after = np.linspace(0.0, stop, TRIP_LOOKS)
+    after = np.linspace(0.0, stop, REPORT.trip_looks)
     driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2
     positions = np.array(start.position) + driven[:, None] * [np.cos(start.heading), np.sin(start.heading)]
     distance = np.min([zone.signed_distance(start.time + after, positions) for zone in zones], axis=0)
@@ -232,22 +233,22 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
 def _touched(scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip) -> list[str]:
     """Name the zones that a trip cuts or touches, the ones it cuts deepest first."""
     trajectory = trip.trajectory
-    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, TRIP_LOOKS)))
+    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, REPORT.trip_looks)))
     times, positions = trip.frame.time + points.time, trip.frame.to_world(points.path.position)
     radius = scenario.vehicle.radius
     least = {
         name: min(float(zone.signed_distance(times, positions).min()) for zone in several) - radius
         for name, several in by_obstacle(threat_zones).items()
     }
-    near = sorted((name for name in least if least[name] < TOUCHING * radius), key=lambda name: least[name])
-    return near[:MOST_CULPRITS]
+    near = sorted((name for name in least if least[name] < REPORT.touching * radius), key=lambda name: least[name])
+    return near[: REPORT.most_culprits]
 
 
 def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[str], deadline: float) -> Iterator[str]:
     """Say that there is no trip at all if that can be proved, and what is in its way."""
     start, latest = scenario.start.time, scenario.goal.latest_arrival
     least = kinematic_bound(scenario)
-    horizon = LOOKED_AHEAD * least if latest is None else latest - start
+    horizon = REPORT.looked_ahead * least if latest is None else latest - start
     until = f"before t = {start + horizon:.4g} s" if latest is None else f"by t = {latest:.4g} s"
     if horizon < least * (1.0 - TRIP_ROUNDING):
         yield f"No trip arrives before t = {start + least:.4g} s, even with nothing in the way"
@@ -277,8 +278,8 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
 
 def _covers_goal(scenario: Scenario, zones: Sequence[ThreatZone], first: float, last: float) -> bool:
     """True if the zones of an obstacle leave no room at the goal, whenever a trip might arrive."""
-    times = scenario.start.time + np.linspace(first, last, TRIP_LOOKS)
-    goal = np.broadcast_to(np.array(scenario.goal.position), (TRIP_LOOKS, 2))
+    times = scenario.start.time + np.linspace(first, last, REPORT.trip_looks)
+    goal = np.broadcast_to(np.array(scenario.goal.position), (REPORT.trip_looks, 2))
     distance = np.min([zone.signed_distance(times, goal) for zone in zones], axis=0)
     return bool(np.all(distance + scenario.goal.radius - scenario.vehicle.radius < 0.0))
 

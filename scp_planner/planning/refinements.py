@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil, inf
 
 import numpy as np
@@ -28,22 +28,41 @@ from scp_planner.trips.trajectory import Trajectory, arriving
 
 logger = logging.getLogger(__name__)
 
-WORK, LEAST_WORK = 3, 250  # times the iterations until a trip was found, and iterations: what a better one may cost
-GUIDES = 6  # how often the best path becomes the guide
-WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
-SMALL = 0.1  # of a span of the path: zones of a smaller radius are passed by turns that it cannot make
-ZONES_TO_A_SPAN = 3  # of those, at most
-FINER_PATHS, MOST_PATH_SPANS = 3, 200  # how often there are twice as many spans of the path, and the most of them
-WORTH_FINER_PATHS = 2e-3  # relative gain below which there are no more of them
-NOTABLE = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
-SLOWED = 1.25e-2  # relative to the kinematic bound: what less is lost to is hardly the path's splines
-UNSEEN, TIGHT = 1.0, 1.5  # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
-FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
-WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
-HOPED = 0.5  # of the last gain by more spans: the next is a third of it, as what they lose goes with their length
-FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans
-STRAYING = 0.03  # radii of the vehicle, by which it may be elsewhere after a step of one acceleration
-LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Gains that are worth a finer trip, and the finest one."""
+
+    # times the iterations until a trip was found, and iterations: what a better one may cost
+    work: int = 3
+    least_work: int = 250
+    guides: int = 6  # how often the best path becomes the guide
+    worth_a_guide: float = 1e-3  # relative gain below which it does not again
+    small: float = 0.1  # of a span of the path: zones of a smaller radius are passed by turns that it cannot make
+    zones_to_a_span: int = 3  # of those, at most
+    # how often there are twice as many spans of the path, and the most of them
+    finer_paths: int = 3
+    most_path_spans: int = 200
+    worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
+    notable: float = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
+    slowed: float = 1.25e-2  # relative to the kinematic bound: what less is lost to is hardly the path's splines
+    # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
+    unseen: float = 1.0
+    tight: float = 1.5
+    # how often there are three times as many spans of the acceleration, and the most of them
+    finer: int = 2
+    most_spans: int = 200
+    worth_more_spans: float = 2e-3  # relative gain below which there are no more of them
+    # of the last gain by more spans: the next is a third of it, as what they lose goes with their length
+    hoped: float = 0.5
+    # to a trip whose accelerations change on them; times the wanted number of spans
+    fewest_steps: int = 8
+    most_steps: int = 2
+    straying: float = 0.03  # radii of the vehicle, by which it may be elsewhere after a step of one acceleration
+    later_steps: int = 3  # at which a trip that is to arrive on a step of time is asked to arrive
+
+
+REFINEMENT = RefinementSettings()
 
 
 def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
@@ -53,19 +72,24 @@ def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
     problem, task = runs.problem, runs.task
     space, spans, radius = problem.space, len(problem.space.path.widths), problem.zones.typical_radius
     usual = task.settings.path_span == SceneSettings.path_span and space.guide.straight
-    if not usual or radius is None or radius > SMALL * space.length / spans:
+    if not usual or radius is None or radius > REFINEMENT.small * space.length / spans:
         return runs
-    wanted = min(ceil(problem.zones.size / ZONES_TO_A_SPAN), task.settings.max_path_spans)
+    wanted = min(ceil(problem.zones.size / REFINEMENT.zones_to_a_span), task.settings.max_path_spans)
     return runs if wanted <= spans else CheckedRuns(task, space.guide, _breakpoints_of(space), wanted)
 
 
 def refinements(task: Task) -> list[Refinement]:
     """Return the attempts to improve a trip; they may cost a multiple of the work so far."""
     done = task.tally.iterations
-    most = done + max(WORK * done, LEAST_WORK)
+    most = done + max(REFINEMENT.work * done, REFINEMENT.least_work)
     finer = FinerPath(1, most)
     # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes.
-    return [BetterGuide(GUIDES, most), finer, FinerDrive(FINER, most), FinerPath(FINER_PATHS - 1, most, finer)]
+    return [
+        BetterGuide(REFINEMENT.guides, most),
+        finer,
+        FinerDrive(REFINEMENT.finer, most),
+        FinerPath(REFINEMENT.finer_paths - 1, most, finer),
+    ]
 
 
 class Refinement(Attempt[TripSearch, ScpRun]):
@@ -101,7 +125,7 @@ class Refinement(Attempt[TripSearch, ScpRun]):
 class BetterGuide(Refinement):
     """The path as guide, where the guide limits it."""
 
-    what, worth = "guide along the path", WORTH_A_GUIDE
+    what, worth = "guide along the path", REFINEMENT.worth_a_guide
 
     def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
         curved = not best.holds and not best.runs.problem.space.guide.straight
@@ -115,29 +139,29 @@ class BetterGuide(Refinement):
 class FinerPath(Refinement):
     """Path spans of half the length, where the path bends within its spans, or fails by little."""
 
-    what, worth = "path with shorter spans", WORTH_FINER_PATHS
+    what, worth = "path with shorter spans", REFINEMENT.worth_finer_paths
 
     def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
-        return 2 * len(best.trajectory.space.path.widths) <= MOST_PATH_SPANS and may_gain_by_spans(best)
+        return 2 * len(best.trajectory.space.path.widths) <= REFINEMENT.most_path_spans and may_gain_by_spans(best)
 
     def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
         settings = replace(for_scene(task.settings), path_span=space.length / spans)
         runs = CheckedRuns(replace(task, settings=settings), space.guide, _breakpoints_of(space), spans)
-        return runs.attempt(over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - NOTABLE))
+        return runs.attempt(over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable))
 
 
 class FinerDrive(Refinement):
     """Three times as many spans of the acceleration, where limits of places or of the jerk ask for many switches."""
 
-    what, worth = "drive with shorter spans", WORTH_MORE_SPANS
+    what, worth = "drive with shorter spans", REFINEMENT.worth_more_spans
     hoped = inf  # gain of the next run, s
 
     def promising(self, search: TripSearch, best: ScpRun) -> bool:
         if best.runs.problem.profile is None and best.runs.task.scenario.vehicle.max_jerk is None:
             return False
-        few = 3 * best.runs.task.settings.acceleration_spans <= MOST_SPANS
+        few = 3 * best.runs.task.settings.acceleration_spans <= REFINEMENT.most_spans
         # Where arrivals count in steps, a gain within one is none.
         return few and best.travel_time - self.hoped <= search.cutoff
 
@@ -147,7 +171,7 @@ class FinerDrive(Refinement):
         runs = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
         attempt = runs.attempt(over_other_breakpoints(runs.problem, trip), search.cutoff)
         gained = trip.travel_time - attempt.travel_time
-        self.hoped = HOPED * gained if gained > 0.0 else inf
+        self.hoped = REFINEMENT.hoped * gained if gained > 0.0 else inf
         return attempt
 
 
@@ -161,8 +185,8 @@ def may_gain_by_spans(best: ScpRun) -> bool:
     # this is a slope, and in control points their fourth difference over the span.
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
     tight = span * float(np.abs(best.trajectory.path.station_bend.curvature).max())
-    slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(best.runs.task.scenario)
-    return slowed and (unseen > UNSEEN or tight > TIGHT)
+    slowed = best.travel_time > (1.0 + REFINEMENT.slowed) * kinematic_bound(best.runs.task.scenario)
+    return slowed and (unseen > REFINEMENT.unseen or tight > REFINEMENT.tight)
 
 
 def over_finer_path(problem: Problem, trip: Trajectory) -> Trajectory:
@@ -207,7 +231,7 @@ def on_a_step(task: Task, scenario: Scenario, fastest: ScpRun) -> ScpRun:
     search = TripSearch(fastest.runs)
     search.enough = search.lower_bound = 0.0
     search.best = None if best.holds else best
-    search.walk([ArrivalOnStep(task, scenario, step, fastest.trajectory, 1 if best.holds else LATER_STEPS)])
+    search.walk([ArrivalOnStep(task, scenario, step, fastest.trajectory, 1 if best.holds else REFINEMENT.later_steps)])
     if best.holds and not search.certified:
         return best
     assert search.best is not None
@@ -246,14 +270,14 @@ def commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
     times = np.arange(0.0, trip.travel_time, step)
     drive = trip.drive_at(times / trip.travel_time)
     joined = 0.5 * step * (drive.speed[1:] + drive.speed[:-1])
-    return bool(np.abs(np.diff(drive.distance) - joined).max(initial=0.0) <= STRAYING * radius)
+    return bool(np.abs(np.diff(drive.distance) - joined).max(initial=0.0) <= REFINEMENT.straying * radius)
 
 
 def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[float, ...]:
     """Breakpoints of the acceleration on steps of time, if these are not too many; else those of a trip."""
     basis = trajectory.space.acceleration
     constant = basis.coefficients.shape[1] == 1
-    if constant and FEWEST_STEPS <= steps <= MOST_STEPS * settings.acceleration_spans:
+    if constant and REFINEMENT.fewest_steps <= steps <= REFINEMENT.most_steps * settings.acceleration_spans:
         return tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
     return _breakpoints_of(trajectory.space)
 

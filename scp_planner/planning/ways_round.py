@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from math import inf, log2
 from time import perf_counter
@@ -18,7 +19,7 @@ from scp_planner.planning.runs import CheckedRuns, ScpRun, promise
 from scp_planner.planning.trip_search import Start, TripSearch
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
+from scp_planner.search.first_trips import FIT, bows, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree
@@ -26,14 +27,23 @@ from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
-OFF = 0.5  # largest violation of a run over another guide, after which a patient one is tried
-TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
-SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
-ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate, where none did by more
-FIRST_SEARCH = 0.7  # of the time there is, that the search for the first way may take
-FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with those from arcs
-FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
-FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
+
+@dataclass(frozen=True)
+class WayRuns:
+    """Runs from ways, and when they are worth it."""
+
+    off: float = 0.5  # largest violation of a run over another guide, after which a patient one is tried
+    touching: float = 0.02  # units of length; a converged trip is held up only by zones nearer than this
+    second_thoughts: int = 3  # ways that are started again, closer to them, where no run from any way was certified
+    # steps of the delay by which a way may turn out better than its estimate, where none did by more
+    estimate_error: float = 3.2
+    first_search: float = 0.7  # of the time there is, that the search for the first way may take
+    far_from_bound: float = 1.1  # times the lower bound: trips above that are compared with those from arcs
+    finer_effort: float = 2.0  # from this effort on finer grids are searched as well
+    finer_grids: tuple[Fineness, Fineness] = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
+
+
+RUNS = WayRuns()
 
 
 def ways_round(runs: CheckedRuns) -> list[Attempt[TripSearch, ScpRun]]:
@@ -41,7 +51,7 @@ def ways_round(runs: CheckedRuns) -> list[Attempt[TripSearch, ScpRun]]:
     if _goal_is_covered(runs):
         logger.info("the goal is covered for good")
         return [Arcs(runs, covered=True)]
-    grids = FINER_GRIDS if runs.task.settings.effort >= FINER_EFFORT else ()
+    grids = RUNS.finer_grids if runs.task.settings.effort >= RUNS.finer_effort else ()
     return [
         *(Ways(runs, coarseness) for coarseness in coarsenesses(runs.problem)),
         *(FinerWays(runs, fineness=fineness) for fineness in grids),
@@ -54,8 +64,8 @@ class Ways(Attempt[TripSearch, ScpRun]):
     """Ways round on one grid, the fastest estimate first; coarser delays where there is no way with shorter ones."""
 
     what = "way round"
-    search_share = FIRST_SEARCH  # so that there is time to drive the first way, or an arc
-    estimate_error = ESTIMATE_ERROR
+    search_share = RUNS.first_search  # so that there is time to drive the first way, or an arc
+    estimate_error = RUNS.estimate_error
 
     def __init__(self, runs: CheckedRuns, coarseness: float = 1.0, fineness: Fineness | None = None) -> None:
         self.coarseness, self.fineness = coarseness, fineness
@@ -109,17 +119,21 @@ class CloserWays(Attempt[TripSearch, ScpRun]):
     """Patient runs from starts that keep closer to the ways: where nothing is certified yet."""
 
     what = "way round once more"
-    most = SECOND_THOUGHTS
+    most = RUNS.second_thoughts
 
     def due(self, search: TripSearch) -> bool:
         if search.known < inf:
-            return not search.certified and search.near is not None and search.near.run.evaluation.worst_violation < OFF
+            return (
+                not search.certified
+                and search.near is not None
+                and search.near.run.evaluation.worst_violation < RUNS.off
+            )
         return _failing(search)
 
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
         ways = search.failed[:1] if search.known < inf else [each for each in search.failed if not each.exhausted]
         for start in ways:
-            yield search.runs.attempt(start.trip(CLOSE_SMOOTHING), search.known, loop=search.runs.patient_loop)
+            yield search.runs.attempt(start.trip(FIT.close_smoothing), search.known, loop=search.runs.patient_loop)
             if search.certified:
                 return
 
@@ -138,7 +152,10 @@ class Arcs(Attempt[TripSearch, ScpRun]):
             return False
         if best is not None and best.holds:
             # With more effort than usual: the search itself hardly ever needs them.
-            return task.settings.effort >= FINER_EFFORT and best.travel_time > FAR_FROM_BOUND * search.lower_bound
+            return (
+                task.settings.effort >= RUNS.finer_effort
+                and best.travel_time > RUNS.far_from_bound * search.lower_bound
+            )
         # Runs over another guide count as well: where no way was found over this one, nothing has been tried here.
         return best is None or (_failing(search) and task.thorough and search.tally.tried.total() < self.most_ways)
 
@@ -191,10 +208,10 @@ def _run_from(search: TripSearch, start: Start) -> ScpRun:
     """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
     runs, cutoff = search.runs, search.cutoff
     rival = search.best if search.certified else None
-    first = start.trip(SMOOTHING)
+    first = start.trip(FIT.smoothing)
     found = runs.attempt(first, cutoff, rival)
     if _hardly_infeasible(found) and not search.out_of_time:
-        closer = start.trip(CLOSE_SMOOTHING)
+        closer = start.trip(FIT.close_smoothing)
         # Close to a straight way there is nothing to smooth.
         start.exhausted = bool(np.array_equal(first.theta, closer.theta) and np.array_equal(first.beta, closer.beta))
         if not start.exhausted:
@@ -223,5 +240,5 @@ def _touched(problem: Problem, trip: Trajectory) -> tuple[tuple[int, int], ...]:
     found = dict[int, int]()
     for constraint in problem.constraints:
         if isinstance(constraint, Clearance | DiscClearance):
-            found.update(constraint.touched(trip, TOUCHING))
+            found.update(constraint.touched(trip, RUNS.touching))
     return tuple(reversed(found.items()))

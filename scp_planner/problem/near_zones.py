@@ -6,7 +6,7 @@ import numpy as np
 
 from scp_planner.arrays import Index
 from scp_planner.problem.problem import Problem
-from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
+from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_clearances
 
 GUIDE_LOOKS = 33
 BEYOND = 1.0  # units of length, beyond the largest offset
@@ -15,13 +15,13 @@ LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip c
 
 def without_far_zones(problem: Problem, longest: float) -> Problem:
     """Return a problem without the zones that no trip shorter than ``longest``, s, can meet."""
-    if problem.zones.size <= FEW_ZONES:
+    if problem.zones.size <= NEARNESS.few_zones:
         return problem
     guide = problem.space.guide
     line = guide.frame(np.linspace(0.0, guide.length, GUIDE_LOOKS)).position
     reach = problem.settings.max_offset + BEYOND + max(map(abs, problem.scenario.vehicle.discs))
     near: Index = np.arange(problem.zones.size)
-    for count in LOOKS:
+    for count in NEARNESS.looks:
         half = 0.5 * longest / count
         looks = SweptBoxes(
             np.linspace(half, longest - half, count),

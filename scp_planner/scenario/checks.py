@@ -123,8 +123,8 @@ def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Objection]:
     polygons = scenario.corridor or ()
     yield from _not_convex("corridor", polygons)
     for i, polygon in enumerate(polygons):
-        if len(polygon) > corridor.MOST_CORNERS:
-            text = f"must have at most {corridor.MOST_CORNERS} corners, not {len(polygon)}: leave some of them out"
+        if len(polygon) > corridor.SIZE.most_corners:
+            text = f"must have at most {corridor.SIZE.most_corners} corners, not {len(polygon)}: leave some of them out"
             yield Objection(("corridor", i), polygon, text)
 
 
@@ -313,7 +313,7 @@ def polygon_is_simple(shape: Any) -> Iterator[Objection]:
 
 
 def _is_no_cell(polygon: Any) -> bool:
-    crowded = len(polygon) > corridor.MOST_CORNERS
+    crowded = len(polygon) > corridor.SIZE.most_corners
     return crowded or any(True for _ in polygon_faults(polygon)) or not planar.is_convex(polygon)
 
 

@@ -21,7 +21,7 @@ from pydantic import (
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.mathematics.corridor import MOST_CORNERS
+from scp_planner.mathematics.corridor import SIZE
 from scp_planner.scenario import checks, goal_checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
@@ -382,7 +382,7 @@ class Scenario(Part):
     bounds: Bounds | None = Field(default=None, description="box that the vehicle's disc stays inside; null: none")
     corridor: Annotated[Row[Polygon], Field(min_length=1)] | None = Field(
         default=None,
-        description=f"convex polygons [[[x, y], ...], ...] of at most {MOST_CORNERS} corners that overlap; the"
+        description=f"convex polygons [[[x, y], ...], ...] of at most {SIZE.most_corners} corners that overlap; the"
         " vehicle's disc stays inside their union; null: none",
     )
     walls: Row[Polygon] = Field(

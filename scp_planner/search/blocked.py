@@ -19,14 +19,22 @@ from scp_planner.threat_zones.sections import sections
 from scp_planner.trips.guide import GuideFrame
 from scp_planner.trips.path import Path
 
-STRETCH = 16  # delays that are looked at together
-MOST_LOOKS = 100_000  # at a time: lines, times and zones
-MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
-USUAL_CORNERS = 5  # of a zone; with more of them fewer are cut at a time
-MOST_KEPT = 100_000  # cuts, of all zones
-FEW_CELLS = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at,
-FEW_CORNERS = 1000  # but where zones have more than so many corners
-MOST_MARKED = 1_000_000  # cells at a time
+
+@dataclass(frozen=True)
+class Chunks:
+    """Work that is done at a time."""
+
+    stretch: int = 16  # delays that are looked at together
+    most_looks: int = 100_000  # at a time: lines, times and zones
+    most_cut: int = 20_000  # lines and delays of zones that are cut at a time
+    usual_corners: int = 5  # of a zone; with more of them fewer are cut at a time
+    most_kept: int = 100_000  # cuts, of all zones
+    few_cells: int = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at,
+    few_corners: int = 1000  # but where zones have more than so many corners
+    most_marked: int = 1_000_000  # cells at a time
+
+
+CHUNKS = Chunks()
 
 
 @dataclass(frozen=True)
@@ -105,18 +113,18 @@ class Lines:
         still = np.isin(some, zones.standing)
         standing, moving = some[still], some[~still]
         every = np.arange(count)
-        for part in _parts(standing, count * self._corners(standing), MOST_CUT):
+        for part in _parts(standing, count * self._corners(standing), CHUNKS.most_cut):
             line, zone = np.repeat(every, len(part)), np.tile(part, count)
             cuts = self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line)))
             yield replace(cuts, lasting=True)
-        edges = np.arange(delays.start, delays.stop + 1, STRETCH)
-        for part in _parts(moving, count * len(edges), MOST_LOOKS):
+        edges = np.arange(delays.start, delays.stop + 1, CHUNKS.stretch)
+        for part in _parts(moving, count * len(edges), CHUNKS.most_looks):
             met = np.nonzero(self._near(part, edges))
-            most = max(1, MOST_CUT // (STRETCH * self._corners(part)))
+            most = max(1, CHUNKS.most_cut // (CHUNKS.stretch * self._corners(part)))
             for begin in range(0, len(met[0]), most):
                 line, stretch, place = (index[begin : begin + most] for index in met)
-                delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
-                line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
+                delay = (edges[stretch][:, None] + np.arange(CHUNKS.stretch)).ravel()
+                line, zone = np.repeat(line, CHUNKS.stretch), np.repeat(part[place], CHUNKS.stretch)
                 yield self.cuts(line, delay, zone, self.times(line, delay))
 
     def _corners(self, some: Index) -> int:
@@ -125,7 +133,7 @@ class Lines:
         if outlines is None or len(some) == 0:
             return 1
         slots = self.zones.outline_slot[some]
-        return 1 + int(np.where(slots >= 0, outlines.counts[slots], 0).max()) // USUAL_CORNERS
+        return 1 + int(np.where(slots >= 0, outlines.counts[slots], 0).max()) // CHUNKS.usual_corners
 
     def _near(self, part: Index, edges: Index) -> Mask:
         """True if zones come near lines in stretches of delays, (lines, stretches, zones)."""
@@ -177,12 +185,14 @@ class Cells:
     def out_of_time(self) -> bool:
         """True if the deadline has passed, where a large grid, or zones of many corners, take time."""
         outlines = self.problem.zones.outlines
-        few = self.shape[0] * self.shape[1] <= FEW_CELLS and (outlines is None or len(outlines.corners) <= FEW_CORNERS)
+        few = self.shape[0] * self.shape[1] <= CHUNKS.few_cells and (
+            outlines is None or len(outlines.corners) <= CHUNKS.few_corners
+        )
         return not few and perf_counter() > self.deadline
 
     def look(self, delays: int) -> None:
         """See to it that at so many delays cells are known; at further ones they may be as if free."""
-        until = min(STRETCH * ceil(delays / STRETCH), DELAYS)
+        until = min(CHUNKS.stretch * ceil(delays / CHUNKS.stretch), DELAYS)
         if until <= self._looked or self.cut_off:
             return
         new = range(self._looked, until)
@@ -199,7 +209,7 @@ class Cells:
                     return
             if self._kept is not None and not known:
                 self._kept.append(cuts)
-                if sum(len(some.line) for some in self._kept) > MOST_KEPT:
+                if sum(len(some.line) for some in self._kept) > CHUNKS.most_kept:
                     self._kept = None
 
     def _cuts(self, new: range) -> Iterator[tuple[Cuts, bool]]:
@@ -276,7 +286,7 @@ class Cells:
         lines, place = np.unique(cuts.line, return_inverse=True)
         cuts = replace(cuts, line=place, delay=np.zeros_like(place) if cuts.lasting else cuts.delay - delays.start)
         marked, full = 1 if cuts.lasting else len(delays), np.uint64(2 ** len(delays) - 1)
-        at_once = max(1, MOST_MARKED // (self.shape[1] * marked))
+        at_once = max(1, CHUNKS.most_marked // (self.shape[1] * marked))
         for begin in range(0, len(lines), at_once):
             some = lines[begin : begin + at_once]
             part, side = cuts, sides
@@ -307,7 +317,7 @@ class Cells:
         done = 0
         while done < len(length):
             before = int(until[done - 1]) if done else 0
-            part = slice(done, max(int(np.searchsorted(until, before + MOST_MARKED, "right")), done + 1))
+            part = slice(done, max(int(np.searchsorted(until, before + CHUNKS.most_marked, "right")), done + 1))
             some = length[part]
             cell = np.arange(0, int(some.sum()) * delays, delays)
             cell += np.repeat(begin[part] - (until[part] - some - before) * delays, some)

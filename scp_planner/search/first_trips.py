@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,14 +15,22 @@ from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
 
-SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
-CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
-ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
-DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
+
+@dataclass(frozen=True)
+class FirstFit:
+    """Weights of fitting a trip to a way."""
+
+    smoothing: float = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
+    close_smoothing: float = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
+    arrival_weight: float = 10.0  # of arriving in time, against being in time on the way
+    drive_smoothing: float = 1e-2  # m^2 per (m/s^2)^2
+
+
+FIT = FirstFit()
 LEAST_DIVISOR = 1e-9  # s, m/s: against division by zero
 
 
-def trip_along(problem: Problem, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
+def trip_along(problem: Problem, way: Way, smoothing: float = FIT.smoothing) -> Trajectory:
     """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times."""
     space, ends = problem.space, problem.ends
     theta = ends.theta.copy()
@@ -65,17 +74,17 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
     tau = float(times[-1])
     table = space.time_table(times / tau)
     matrix = tau * tau * table.distance
-    matrix[-1] *= ARRIVAL_WEIGHT
+    matrix[-1] *= FIT.arrival_weight
     wanted = driven - space.start_speed * times
-    wanted[-1] *= ARRIVAL_WEIGHT
+    wanted[-1] *= FIT.arrival_weight
     goal_speed = problem.ends.goal_speed
     if goal_speed is not None:
-        matrix = np.vstack([matrix, ARRIVAL_WEIGHT * tau * space.tables.final_speed])
-        wanted = np.append(wanted, ARRIVAL_WEIGHT * (goal_speed - space.start_speed))
+        matrix = np.vstack([matrix, FIT.arrival_weight * tau * space.tables.final_speed])
+        wanted = np.append(wanted, FIT.arrival_weight * (goal_speed - space.start_speed))
     size = space.acceleration_size
     speeds = tau * space.tables.speed_control[1:]
     program = QuadraticProgram(
-        matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
+        matrix.T @ matrix + FIT.drive_smoothing * np.eye(size),
         -matrix.T @ wanted,
         problem.lowest_accelerations,
         _highest(problem, times, driven),

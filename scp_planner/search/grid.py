@@ -33,10 +33,19 @@ class Fineness:
     shrunk: float = 0.4  # Steps of the offset by which zones are taken to be smaller, so that narrow gaps hold a cell
 
 
-LEAST_STEP = 0.2  # of the braking distance and of the turning radius at top speed: finer steps lead to no other ways
-FEWEST_STATIONS, MOST_STATIONS = 12, 2000
-MOST_CELLS = 200_000  # stations times offsets to one side: detours are narrower where there would be more
-PROFILE_LOOKS = 8  # at the fastest drive, between lines
+@dataclass(frozen=True)
+class GridSize:
+    """Size of a grid."""
+
+    # of the braking distance and of the turning radius at top speed: finer steps lead to no other ways
+    least_step: float = 0.2
+    fewest_stations: int = 12
+    most_stations: int = 2000
+    most_cells: int = 200_000  # stations times offsets to one side: detours are narrower where there would be more
+    profile_looks: int = 8  # at the fastest drive, between lines
+
+
+SIZE = GridSize()
 
 
 @dataclass(frozen=True)
@@ -141,15 +150,15 @@ class Grid:
         reached = float(np.sqrt(space.start_speed**2 + 2.0 * limits.acceleration * space.length))
         top = max(min(limits.speed, reached), space.start_speed)
         radius = problem.zones.typical_radius
-        count: float = FEWEST_STATIONS
+        count: float = SIZE.fewest_stations
         if radius is not None:
-            finest = LEAST_STEP * min(top * top / (2.0 * limits.deceleration), _turning_radius(limits, top))
+            finest = SIZE.least_step * min(top * top / (2.0 * limits.deceleration), _turning_radius(limits, top))
             count = space.length / max(radius / fineness.stations, finest)
-        count = round(min(max(count, FEWEST_STATIONS), MOST_STATIONS))
+        count = round(min(max(count, SIZE.fewest_stations), SIZE.most_stations))
         lines = np.linspace(0.0, space.length, EACH_STATION * count + 1)
         step = space.length / count
         offset_step = fineness.slope_step * step
-        middle = max(2, min(int(problem.settings.max_offset / offset_step), MOST_CELLS // count))
+        middle = max(2, min(int(problem.settings.max_offset / offset_step), SIZE.most_cells // count))
         steps = np.array([*(-some for some in reversed(fineness.slopes)), 0, *fineness.slopes], dtype=np.intp)
         squares = top * top * (1.0 - np.arange(fineness.speeds) / (fineness.speeds - 0.5))
         per_class = squares[0] - squares[1]
@@ -185,7 +194,7 @@ def fastest_times(problem: Problem, stations: Array) -> Array:
     if problem.profile is not None:
         return problem.profile.times_at(stations)
     space, limits = problem.space, problem.limits
-    fine = np.linspace(stations[0], stations[-1], PROFILE_LOOKS * (len(stations) - 1) + 1)
+    fine = np.linspace(stations[0], stations[-1], SIZE.profile_looks * (len(stations) - 1) + 1)
     squares = np.minimum(
         space.start_speed**2 + 2.0 * limits.acceleration * fine, max(limits.speed, space.start_speed) ** 2
     )
@@ -195,4 +204,4 @@ def fastest_times(problem: Problem, stations: Array) -> Array:
     speeds = np.sqrt(squares)
     # Exact where the acceleration is constant
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(fine) / (speeds[:-1] + speeds[1:]))])
-    return times[::PROFILE_LOOKS]
+    return times[:: SIZE.profile_looks]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -14,9 +15,17 @@ from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.trips.trajectory import Trajectory
 
-COARSENESSES = (1.0, 4.0, 16.0)  # of the delays; coarser ones are tried only where there is no way with short delays
 
-WAITED = 0.6  # of all delays: the wait for a time before which the goal may not be reached
+@dataclass(frozen=True)
+class StartDelays:
+    """Delays at the start."""
+
+    # of the delays; coarser ones are tried only where there is no way with short delays
+    coarsenesses: tuple[float, ...] = (1.0, 4.0, 16.0)
+    waited: float = 0.6  # of all delays: the wait for a time before which the goal may not be reached
+
+
+START_DELAYS = StartDelays()
 
 
 def coarsenesses(problem: Problem) -> tuple[float, ...]:
@@ -25,10 +34,10 @@ def coarsenesses(problem: Problem) -> tuple[float, ...]:
         (limit.travel_time for limit in problem.constraints if isinstance(limit, EarliestArrival)), default=0.0
     )
     if earliest == 0.0:
-        return COARSENESSES
+        return START_DELAYS.coarsenesses
     grid = Grid.of(problem, Fineness())
-    needed = (earliest - float(grid.fastest[-1])) / (WAITED * DELAYS * grid.delay_step)
-    return tuple(max(needed, 1.0) * each for each in COARSENESSES)
+    needed = (earliest - float(grid.fastest[-1])) / (START_DELAYS.waited * DELAYS * grid.delay_step)
+    return tuple(max(needed, 1.0) * each for each in START_DELAYS.coarsenesses)
 
 
 def starts(problem: Problem, searches: int, deadline: float = np.inf) -> Iterator[tuple[float, Trajectory]]:

@@ -15,9 +15,18 @@ from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
 WORD_BYTES = DELAYS // 8
 FIRST_DELAYS = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype="<u8")[:, None].view(np.uint8)
-STRETCH = 64  # stations whose cells are made into integers together
-LOOK_EACH = 16  # stations: at the clock
-MOST_KEPT = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
+
+
+@dataclass(frozen=True)
+class SweepChunks:
+    """Work that is done at a time, and kept."""
+
+    stretch: int = 64  # stations whose cells are made into integers together
+    look_each: int = 16  # stations: at the clock
+    most_kept: float = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
+
+
+CHUNKS = SweepChunks()
 WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays of a word
 
 Counts = NDArray[np.uint8]
@@ -171,7 +180,7 @@ class Sweep:
         self._aside = [self.layout.length * side for side in self._sides]
         self._loaded = range(0)
         classes = len(grid.speeds) * len(grid.slopes)
-        self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
+        self._thin = classes * grid.columns * self.layout.bytes > CHUNKS.most_kept
         self.reached: list[Reached | None] = [self._first(ends)] if begun is None else begun.reached
         self.arrivals: Reached = [{} for _ in grid.speeds]
         self.cut_off = False
@@ -179,11 +188,11 @@ class Sweep:
         assert before is not None, "the last one is kept"
         for i in range(len(self.reached), grid.columns + 1):
             before = self._advanced(i, before)
-            self.cut_off = i % LOOK_EACH == 0 and perf_counter() > deadline
+            self.cut_off = i % CHUNKS.look_each == 0 and perf_counter() > deadline
             if self.cut_off or not any(before):
                 return
             self.reached.append(before)
-            if self._thin and (i - 1) % STRETCH:
+            if self._thin and (i - 1) % CHUNKS.stretch:
                 self.reached[i - 1] = None
         goal = self.layout.of_each(ends.goal[None, first : last + 1])[0]
         at_last = set(range(len(grid.slopes))[ends.last_slopes])
@@ -201,7 +210,7 @@ class Sweep:
     def _load(self, begin: int) -> None:
         """Take the cells of some stations as integers: free at stations, and halfway at whole and at half offsets."""
         layout, free = self.layout, self.free
-        end = min(begin + STRETCH, self.grid.columns + 1)
+        end = min(begin + CHUNKS.stretch, self.grid.columns + 1)
         self._loaded = range(begin, end)
         first, last = layout.first, layout.first + layout.size
         at = slice(EACH_STATION * begin, EACH_STATION * end - 1, EACH_STATION)
@@ -217,9 +226,9 @@ class Sweep:
         """Reached cells at a station."""
         found = self.reached[i]
         if found is None:
-            begin = i - i % STRETCH
-            end = min(begin + STRETCH, len(self.reached))
-            for later in range(end + 1, min(end + STRETCH, len(self.reached) - 1)):
+            begin = i - i % CHUNKS.stretch
+            end = min(begin + CHUNKS.stretch, len(self.reached))
+            for later in range(end + 1, min(end + CHUNKS.stretch, len(self.reached) - 1)):
                 self.reached[later] = None
             for j in range(begin + 1, end):
                 before = self.reached[j - 1]
@@ -233,7 +242,7 @@ class Sweep:
         """Reached cells at the next station."""
         grid, layout = self.grid, self.layout
         if i not in self._loaded:
-            self._load(i - (i - 1) % STRETCH)
+            self._load(i - (i - 1) % CHUNKS.stretch)
         place = i - self._loaded.start
         line = EACH_STATION * (i - 1)
         free, early, aside, length = self._free[place], layout.early, self._aside, layout.length

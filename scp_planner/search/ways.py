@@ -18,12 +18,22 @@ from scp_planner.search.sweep import Begun, Counts, States, Sweep, WayEnds
 
 Closed = tuple[tuple[int, int], ...]
 
-WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
-ROUNDED_UP = 2.0  # delays by which a window may be wider than it is, at most
-LIKELY = 3.0  # delays after the fastest way that other ways have
-QUICKER = 0.25  # of the delays that they may have: it is worth while to look for fewer before
-MOST_TOGETHER = 100_000  # cells of the cases of one sweep; with more their memory would be slower than their calls
-BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
+
+@dataclass(frozen=True)
+class WaySettings:
+    """Delays and number of ways that are looked for."""
+
+    # of all delays; sweeps for few are quicker, and are enough if there is a way
+    windows: tuple[float, ...] = (0.08, 0.25, 1.0)
+    rounded_up: float = 2.0  # delays by which a window may be wider than it is, at most
+    likely: float = 3.0  # delays after the fastest way that other ways have
+    quicker: float = 0.25  # of the delays that they may have: it is worth while to look for fewer before
+    # cells of the cases of one sweep; with more their memory would be slower than their calls
+    most_together: int = 100_000
+    branches: int = 8  # obstacles of a way, the closest first, whose other side is tried
+
+
+WAYS = WaySettings()
 
 
 @dataclass(frozen=True)
@@ -130,7 +140,7 @@ class WaySearch:
 
     def _reached(self, cases: Sequence[Closed], in_time: Counts, within: float) -> tuple[dict[int, Way | None], bool]:
         """The ways of the cases that reach the goal in time, and whether all are known: the time may be up before."""
-        together = max(1, MOST_TOGETHER // (len(self.grid.lines) * len(self.grid.half_offsets)))
+        together = max(1, WAYS.most_together // (len(self.grid.lines) * len(self.grid.half_offsets)))
         base = self._base(cases, in_time) if together == 1 < len(cases) else None
         reached: dict[int, Way | None] = {}
         for begin in range(0, len(cases), together):
@@ -164,12 +174,12 @@ class WaySearch:
         first, all_delays = float(self.grid.fastest[-1]), DELAYS * self.grid.delay_step
         if within == np.inf:
             # As sides are closed no way gets faster
-            useful = [window for window in WINDOWS if self._least <= window * DELAYS + ROUNDED_UP]
+            useful = [window for window in WAYS.windows if self._least <= window * DELAYS + WAYS.rounded_up]
             return [first + window * all_delays for window in useful]
         last = min(within + self._longest_bends, first + all_delays)
         # Other ways are hardly slower than the fastest
-        likely = self._fastest + LIKELY * self.grid.delay_step
-        return [likely, last] if likely - first < QUICKER * (last - first) else [last]
+        likely = self._fastest + WAYS.likely * self.grid.delay_step
+        return [likely, last] if likely - first < WAYS.quicker * (last - first) else [last]
 
     def _way(self, states: States, delay: int, within: float) -> Way | None:
         """The way of states with a delay at the goal; None if it takes too long."""
@@ -179,7 +189,7 @@ class WaySearch:
         times = np.concatenate([[0.0], np.cumsum(legs + grid.delay_step * states.waited)])
         # Windows are of the grid's delays, and over many legs their rounding adds up.
         arrival, by_the_grid = float(times[-1]), float(grid.fastest[-1]) + grid.delay_step * delay
-        apart = arrival - by_the_grid > LIKELY * grid.delay_step
+        apart = arrival - by_the_grid > WAYS.likely * grid.delay_step
         self._fastest = min(self._fastest, by_the_grid if apart else arrival)
         estimate = arrival + self._in_bends(offsets, legs)
         if estimate > within:
@@ -231,7 +241,7 @@ class WaySearch:
     def _some_stations(self) -> Iterator[slice]:
         """Yield parts of the stations that take little memory."""
         grid = self.grid
-        at_once = max(1, MOST_TOGETHER // (len(grid.speeds) * len(grid.offsets)))
+        at_once = max(1, WAYS.most_together // (len(grid.speeds) * len(grid.offsets)))
         for begin in range(0, len(grid.stations), at_once):
             yield slice(begin, begin + at_once)
 
@@ -304,7 +314,7 @@ class WayTree:
 
 def ways(search: WaySearch, most: int, within: Callable[[], float] = lambda: np.inf) -> Iterator[Way]:
     """Yield different ways round, the fastest estimate first, found as they are asked for."""
-    return (way for way in ways_in_parts(search, most, within, BRANCHES) if way is not None)
+    return (way for way in ways_in_parts(search, most, within, WAYS.branches) if way is not None)
 
 
 def ways_in_parts(search: WaySearch, most: int, within: Callable[[], float], part: int) -> Iterator[Way | None]:
@@ -312,7 +322,7 @@ def ways_in_parts(search: WaySearch, most: int, within: Callable[[], float], par
     tree = WayTree(search, most, within())
     while (way := tree.next()) is not None and way.travel_time <= within():
         yield way
-        touched = way.sides[:BRANCHES]
+        touched = way.sides[: WAYS.branches]
         for first in range(0, len(touched), part):
             if first:
                 yield None

@@ -19,9 +19,18 @@ from scp_planner.solvers.tolerances import UNPOLISHED_VIOLATION
 
 ExtraConstraints = Callable[[cp.Expression], list[cp.Constraint]]
 
-VARIABLE_CLASS = 8  # variables are padded to a multiple of this
-ROW_CLASSES = 4  # size classes of rows in each doubling
-LARGE = 1e6  # stands for a missing bound, in scaled units
+
+@dataclass(frozen=True)
+class Padding:
+    """Size classes of programs, so that few are compiled, and numbers in them."""
+
+    variable_class: int = 8  # variables are padded to a multiple of this
+    row_classes: int = 4  # size classes of rows in each doubling
+    large: float = 1e6  # stands for a missing bound, in scaled units
+    least_time: float = 1e-3  # s; some solvers take 0 for no limit
+
+
+PADDING = Padding()
 # Accurate enough to tell the active constraints; polishing does the rest.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "CLARABEL": {
@@ -37,7 +46,6 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "DAQP": {"primal_tol": 1e-10, "iter_limit": 5000},
 }
 _TIME_LIMIT = {"CLARABEL": "time_limit", "OSQP": "time_limit", "SCS": "time_limit_secs", "DAQP": "time_limit"}
-_LEAST_TIME = 1e-3  # s; some solvers take 0 for no limit
 _STATUS = {
     cp.OPTIMAL: SolverStatus.OPTIMAL,
     cp.INFEASIBLE: SolverStatus.INFEASIBLE,
@@ -90,7 +98,7 @@ class CvxpySolver:
         name = _TIME_LIMIT.get(self._solver)
         if name is None:
             return self._options
-        return {name: max(deadline - perf_counter(), _LEAST_TIME), **self._options}
+        return {name: max(deadline - perf_counter(), PADDING.least_time), **self._options}
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program.
@@ -153,7 +161,7 @@ class _Size:
         count = len(program.gradient)
         return cls(
             0 if program.origin is None else len(program.origin.start),
-            -(-count // VARIABLE_CLASS) * VARIABLE_CLASS,
+            -(-count // PADDING.variable_class) * PADDING.variable_class,
             _row_class(len(program.bound) - program.equalities),
             program.equalities,
         )
@@ -161,7 +169,7 @@ class _Size:
 
 def _row_class(rows: int) -> int:
     """Smallest size class for a number of rows."""
-    step = max(2 ** (int(rows).bit_length() - 1) // ROW_CLASSES, 1) if rows else 1
+    step = max(2 ** (int(rows).bit_length() - 1) // PADDING.row_classes, 1) if rows else 1
     return max(-(-rows // step) * step, 1)
 
 
@@ -208,8 +216,8 @@ class _Form:
         factor[:count, :count] = np.linalg.cholesky(program.hessian).T
         self.factor.value = factor
         self.gradient.value = _padded(program.gradient, n, 0.0)
-        self.lower.value = _padded(np.maximum(program.lower, -LARGE), n, -1.0)
-        self.upper.value = _padded(np.minimum(program.upper, LARGE), n, 1.0)
+        self.lower.value = _padded(np.maximum(program.lower, -PADDING.large), n, -1.0)
+        self.upper.value = _padded(np.minimum(program.upper, PADDING.large), n, 1.0)
         matrix = np.zeros((m, n))
         matrix[:rows, :count] = program.matrix[k:]
         bound = _padded(program.bound[k:], m, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
 
@@ -12,14 +13,22 @@ from scipy.sparse import csr_array
 from scp_planner.arrays import Array, Index
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 
-MAX_PIVOTS = 400
-PASSES = 4  # of pivots and an exact solution; the second one mends what rounding hid from the first
-TOLERANCE = 1e-10  # of bounds, relative to their sizes
-PULL_TOLERANCE = 1e-13  # of multipliers, to the largest: a weak Hessian turns small ones into long ways
-REGULARISATION = 1e-10  # lets active rows depend on each other
-REFINEMENTS = 4
-MOST_TOUCHED = 1000
-"""Sides that an answer may touch which has fewer variables: a system as large as all of them together is solved."""
+
+@dataclass(frozen=True)
+class Polishing:
+    """Work and tolerances of polishing."""
+
+    max_pivots: int = 400
+    passes: int = 4  # of pivots and an exact solution; the second one mends what rounding hid from the first
+    tolerance: float = 1e-10  # of bounds, relative to their sizes
+    pull_tolerance: float = 1e-13  # of multipliers, to the largest: a weak Hessian turns small ones into long ways
+    regularisation: float = 1e-10  # lets active rows depend on each other
+    refinements: int = 4
+    # Sides that an answer may touch which has fewer variables: a system as large as all of them together is solved
+    most_touched: int = 1000
+
+
+POLISHING = Polishing()
 
 
 def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf) -> Solution | None:
@@ -46,7 +55,7 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     active = sides.touched(guess)
     most = len(program.gradient)
     if guess.status is SolverStatus.OPTIMAL:
-        most = max(most, MOST_TOUCHED)
+        most = max(most, POLISHING.most_touched)
     astray = len(active) > most
     if astray or perf_counter() > deadline:
         return None
@@ -59,7 +68,7 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     x, prices = sides.solve(active)
     if sides.optimal(active, x, prices):
         return sides.solution(active, x, prices)
-    for _ in range(PASSES):
+    for _ in range(POLISHING.passes):
         mended = pivots.mended(active)
         if mended is None:
             return None
@@ -119,12 +128,12 @@ class _Sides:
         """Distance beyond each side where it is more than rounding, else 0."""
         over = self.along(x) - self.bounds
         over = np.where(self.equal, np.abs(over), over)
-        return np.where(over > TOLERANCE * (1.0 + np.abs(self.bounds)), over / self.lengths, 0.0)
+        return np.where(over > POLISHING.tolerance * (1.0 + np.abs(self.bounds)), over / self.lengths, 0.0)
 
     def pull(self, active: Index, prices: Array) -> Array:
         """Amount by which each active side pulls instead of pushing, beyond rounding; else 0."""
         wrong = np.where(self.equal[active], 0.0, -prices * self.lengths[active])
-        return np.where(wrong > PULL_TOLERANCE * (1.0 + np.abs(prices).max(initial=0.0)), wrong, 0.0)
+        return np.where(wrong > POLISHING.pull_tolerance * (1.0 + np.abs(prices).max(initial=0.0)), wrong, 0.0)
 
     def solve(self, active: Index) -> tuple[Array, Array]:
         """Minimiser on the active sides, and their multipliers."""
@@ -134,11 +143,11 @@ class _Sides:
         system[:size, :size] = hessian
         system[:size, size:] = normals.T
         system[size:, :size] = normals
-        system[np.arange(size, size + count), np.arange(size, size + count)] = -REGULARISATION
+        system[np.arange(size, size + count), np.arange(size, size + count)] = -POLISHING.regularisation
         right = np.concatenate([-self.program.gradient, self.bounds[active]])
         factors = lu_factor(system, overwrite_a=True, check_finite=False)
         solved = lu_solve(factors, right, check_finite=False)
-        for _ in range(REFINEMENTS):
+        for _ in range(POLISHING.refinements):
             x, prices = solved[:size], solved[size:]
             left = right - np.concatenate([hessian @ x + prices @ normals, normals @ x])
             solved += lu_solve(factors, left, check_finite=False)
@@ -186,7 +195,7 @@ class _Pivots:
         active, prices = self._pushing(active)
         x = self.free - self.ways(active) @ prices
         pivots = 0
-        while pivots < MAX_PIVOTS and perf_counter() < self.deadline:
+        while pivots < POLISHING.max_pivots and perf_counter() < self.deadline:
             excess = self.sides.excess(x)
             excess[active] = 0.0
             entering = int(np.argmax(excess))
@@ -196,7 +205,7 @@ class _Pivots:
             while True:
                 pivots += 1
                 step, leaving, against, direction = self._ratios(active, prices, entering, x)
-                if not np.isfinite(step) or pivots > MAX_PIVOTS or perf_counter() > self.deadline:
+                if not np.isfinite(step) or pivots > POLISHING.max_pivots or perf_counter() > self.deadline:
                     return None
                 x = x - step * direction
                 prices = prices - step * against

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -14,21 +14,32 @@ from scp_planner.solvers.preparation import given_up, whole_preparation
 from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.solvers.tolerances import ROW_TOLERANCE
 
-MANY = 3  # rows to a variable, from which on they are not all looked at
-WORTH = 4_000_000  # products of a program's rows, from which on choosing among them takes less than what it saves
-FIRST, MORE = 2, 1  # to a variable: rows that are looked at first, and of the violated ones that are added at once
-ROUNDS = 10  # after which all rows are taken
+
+@dataclass(frozen=True)
+class WorkingRows:
+    """Number of rows that are looked at."""
+
+    many: int = 3  # rows to a variable, from which on they are not all looked at
+    # products of a program's rows, from which on choosing among them takes less than what it saves
+    worth: int = 4_000_000
+    # to a variable: rows that are looked at first, and of the violated ones that are added at once
+    first: int = 2
+    more: int = 1
+    rounds: int = 10  # after which all rows are taken
+
+
+WORKING = WorkingRows()
 
 
 def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
     """Solve a program, with few of its rows where there are very many."""
     rows, size = len(program.bound), len(program.gradient)
     boxed = np.isfinite(program.lower).all() and np.isfinite(program.upper).all()
-    if rows <= MANY * size or rows * size**2 < WORTH or not boxed:
+    if rows <= WORKING.many * size or rows * size**2 < WORKING.worth or not boxed:
         return solve(program.whole())
     until, active = perf_counter() + program.time_limit, program.active
     kept = _first_rows(program)
-    for _ in range(ROUNDS):
+    for _ in range(WORKING.rounds):
         left = until - perf_counter()
         if left <= 0.0:
             return given_up(program)
@@ -44,7 +55,7 @@ def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProg
         violated = int((over > ROW_TOLERANCE).sum())
         if not violated:
             return solution
-        kept[_largest(over, min(violated, MORE * size))] = True
+        kept[_largest(over, min(violated, WORKING.more * size))] = True
         active = np.sign(solution.multipliers).astype(np.int8)
     left = until - perf_counter()
     # Not at 0 either: some solvers take that for no limit
@@ -59,7 +70,7 @@ def _first_rows(program: SlackedProgram) -> Mask:
     with np.errstate(over="ignore"):  # no step meets a row without entries
         share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
     kept = np.zeros(rows, dtype=bool)
-    kept[_largest(-share, FIRST * size)] = True
+    kept[_largest(-share, WORKING.first * size)] = True
     kept[: program.equalities] = True
     if program.active is not None:
         kept |= program.active[size:] != 0

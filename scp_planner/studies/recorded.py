@@ -15,7 +15,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.estimation.confidence import uniform_scale
 from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import estimate_process
-from scp_planner.estimation.motion_fitting import LEAD_TIMES, fit_motion_model, prediction_errors, stretches_of
+from scp_planner.estimation.motion_fitting import FIT, fit_motion_model, prediction_errors, stretches_of
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.files import write_text
 from scp_planner.scenario.process_model import ProcessModel, Tails
@@ -53,7 +53,7 @@ def measure_recorded_coverage(
     data: str = "",
     kinds: Sequence[str] = KINDS,
     window: int = WINDOW,
-    lead_times: Sequence[float] = LEAD_TIMES,
+    lead_times: Sequence[float] = FIT.lead_times,
     probability: float = 0.95,
 ) -> list[RecordedCoverage]:
     """Fit motion models to half of the tracks and test them on the other half, both ways."""

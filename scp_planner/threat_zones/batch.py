@@ -21,9 +21,18 @@ from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.tolerances import DIRECTION_DECIMALS
 from scp_planner.threat_zones.zone import ThreatZone
 
-FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
-PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
-TOGETHER = 40_000  # distances that are computed together
+
+@dataclass(frozen=True)
+class BatchChunks:
+    """Work that is done at a time."""
+
+    few_edges: int = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
+    # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
+    pair_cost: int = 10
+    together: int = 40_000  # distances that are computed together
+
+
+CHUNKS = BatchChunks()
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
@@ -238,7 +247,7 @@ class ZoneBatch:
 
     def _distances(self, times: Array, points: Array, exact_below: float) -> Array:
         """Signed distances to zones among which there are no polygons that stand and are known."""
-        rows = max(TOGETHER // max(self.size, 1), 1)
+        rows = max(CHUNKS.together // max(self.size, 1), 1)
         if len(times) <= rows:
             return self._distances_of_few(times, points, exact_below)
         distance = np.empty((len(times), self.size))
@@ -293,13 +302,13 @@ class ZoneBatch:
         """True if the lines of all edges that stand are looked at faster than the polygons that points are near to."""
         assert self.ground is not None and self.outlines is not None
         edges = len(self.ground.across)
-        if edges <= FEW_EDGES:
+        if edges <= CHUNKS.few_edges:
             return True
         zones = self.ground.zones
         dx, dy = (points[:, axis, None] - self._places[zones, axis] for axis in (0, 1))
         apart = np.sqrt(dx * dx + dy * dy)
         near = np.count_nonzero(apart < exact_below + (self.radius + self.extent)[zones], axis=0)
-        return bool(PAIR_COST * (near @ self.outlines.counts[self.outline_slot[zones]]) > len(points) * edges)
+        return bool(CHUNKS.pair_cost * (near @ self.outlines.counts[self.outline_slot[zones]]) > len(points) * edges)
 
     @cached_property
     def ground(self) -> Ground | None:

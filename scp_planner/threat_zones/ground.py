@@ -10,8 +10,17 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.outlines import Outlines
 
-AT_ONCE = 2**16  # numbers, half a megabyte
-FEWEST = 16  # points at once, of however many edges: else it takes longer to ask for each number than to compute it
+
+@dataclass(frozen=True)
+class GroundChunks:
+    """Numbers and points at once."""
+
+    at_once: int = 2**16  # numbers, half a megabyte
+    # points at once, of however many edges: else it takes longer to ask for each number than to compute it
+    fewest: int = 16
+
+
+CHUNKS = GroundChunks()
 
 
 @dataclass(frozen=True)
@@ -86,7 +95,7 @@ class Ground:
 
     def _some_points(self, count: int) -> Iterator[slice]:
         """Yield parts of so many points that take little memory: fetching more costs ten times as much as filling."""
-        at_once = max(FEWEST, AT_ONCE // max(len(self.across), 1))
+        at_once = max(CHUNKS.fewest, CHUNKS.at_once // max(len(self.across), 1))
         for begin in range(0, count, at_once):
             yield slice(begin, min(begin + at_once, count))
 

@@ -9,10 +9,19 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.threat_zones.batch import ZoneBatch
 
-FEW_ZONES = 8  # up to this many zones are all looked at
-NEAR = 1.0  # units of length; zones nearer than this to a trip are looked at closely
-ABREAST = 0.5  # of that for what stands: walls farther ahead than this are met where a trip comes abreast of them
-LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that are not far then
+
+@dataclass(frozen=True)
+class Nearness:
+    """Zones that are looked at closely."""
+
+    few_zones: int = 8  # up to this many zones are all looked at
+    near: float = 1.0  # units of length; zones nearer than this to a trip are looked at closely
+    # of that for what stands: walls farther ahead than this are met where a trip comes abreast of them
+    abreast: float = 0.5
+    looks: tuple[int, int] = (4, 32)  # intervals of time: few first, more only for the zones that are not far then
+
+
+NEARNESS = Nearness()
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,7 @@ def nearness_of_samples(batch: ZoneBatch, near: float) -> Array:
     """Return how near to each zone samples of a trip are linearised besides its minima, (L,) m."""
     below = np.full(batch.size, near)
     if batch.ground is not None:
-        below[batch.ground.zones] = ABREAST * near
+        below[batch.ground.zones] = NEARNESS.abreast * near
     return below
 
 

@@ -16,22 +16,26 @@ from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 
-HEADING_SHARE = 0.1
-"""Share of a zone's error probability that is spent on the heading."""
-WORTH_IT = 0.5
-"""Share of the widening that holds for every heading, above which the heading is ignored."""
-LEADS = 12
-"""At which the widening is computed, between a share of the horizon and all of it, besides the beginning."""
-LEAST_RATIO = 1e-3
-"""Least ratio of a widening to an uncertainty."""
-FIRST_LEAD = 1e-3
-"""First lead, as a share of the horizon."""
-EARLY = 6
-"""The first stretches between leads, in which the heading of a velocity that does a random walk is bounded, each with
-an equal part of the probability; later its position is so uncertain that its heading does not matter."""
+
+@dataclass(frozen=True)
+class HeadingWidening:
+    """Widening by an uncertain heading."""
+
+    heading_share: float = 0.1  # Share of a zone's error probability that is spent on the heading
+    worth_it: float = 0.5  # Share of the widening that holds for every heading, above which the heading is ignored
+    # At which the widening is computed, between a share of the horizon and all of it, besides the beginning
+    leads: int = 12
+    least_ratio: float = 1e-3  # Least ratio of a widening to an uncertainty
+    first_lead: float = 1e-3  # First lead, as a share of the horizon
+    # The first stretches between leads, in which the heading of a velocity that does a random walk is bounded, each
+    # with an equal part of the probability; later its position is so uncertain that its heading does not matter
+    early: int = 6
 
 
-_SHARES = np.concatenate([[0.0], np.geomspace(FIRST_LEAD, 1.0, LEADS)])
+HEADINGS = HeadingWidening()
+
+
+_SHARES = np.concatenate([[0.0], np.geomspace(HEADINGS.first_lead, 1.0, HEADINGS.leads)])
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Split:
         alpha, level = outside_probability(confidence.probability), confidence.level
         if level is ConfidenceLevel.JOINT:
             alpha, level = shared_alpha(alpha, obstacles), ConfidenceLevel.PER_OBSTACLE
-        return cls(str(level), 1.0 - (1.0 - HEADING_SHARE) * alpha, 1.0 - HEADING_SHARE * alpha)
+        return cls(str(level), 1.0 - (1.0 - HEADINGS.heading_share) * alpha, 1.0 - HEADINGS.heading_share * alpha)
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,9 @@ def widening_of(
     reach, half = outline.reach, _half_sides(outline)
     moved = np.maximum.accumulate(2.0 * reach * np.sin(0.5 * np.minimum(off, np.pi)))
     every = reach - half
-    if moved[0] > WORTH_IT * every[1]:
+    if moved[0] > HEADINGS.worth_it * every[1]:
         return None
-    known = int(np.searchsorted(moved, WORTH_IT * every[1], "right"))
+    known = int(np.searchsorted(moved, HEADINGS.worth_it * every[1], "right"))
     # at a lead what is needed from the one before to the next one, which grows until the heading is not known any more
     squares = np.empty((len(leads), 2))
     squares[:known] = moved[:known, None] ** 2
@@ -103,14 +107,14 @@ def _speed_errors(estimate: MotionEstimate, probability: float, times: Array) ->
         return np.maximum(size[:-1], size[1:])
     if isinstance(estimate, ProcessEstimate) and isinstance(estimate.dynamics, RandomWalk):
         # Lévy: a sum of independent symmetric terms was once beyond a size with at most twice the chance that it is now
-        chance = 0.5 * outside_probability(probability) / EARLY
+        chance = 0.5 * outside_probability(probability) / HEADINGS.early
         scale = estimate.errors.pointwise_scale(chance)
         leads = times[1:] - estimate.reference_time
         variance = np.linalg.eigvalsh(estimate.state_covariance[2:, 2:])[-1] + estimate.dynamics.diffusion * leads
         tails = estimate.tails
         inflation = 1.0 if tails is None else max(tails.inflation)
         size = np.sqrt(scale * inflation * variance)
-        size[EARLY:] = np.inf
+        size[HEADINGS.early :] = np.inf
         return np.asarray(size)
     return None
 
@@ -164,7 +168,7 @@ def widened(covariances: PiecewisePolynomials, widening: Widening) -> PiecewiseP
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads]))
     squares = np.stack([np.interp(edges - breaks[0], widening.leads, each) for each in widening.squares.T], axis=1)
     packed = covariances.at(np.zeros(len(edges), dtype=np.intp), edges)
-    ratio = np.maximum(np.sqrt(squares.sum(axis=1) / (packed[:, 0] + packed[:, 2])), LEAST_RATIO)
+    ratio = np.maximum(np.sqrt(squares.sum(axis=1) / (packed[:, 0] + packed[:, 2])), HEADINGS.least_ratio)
     begins, steps = edges[:-1], np.diff(edges)
     piece = np.clip(np.searchsorted(breaks, begins, "right") - 1, 0, len(whole) - 1)
     powers = whole.shape[1]

@@ -12,11 +12,20 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.trips.tolerances import ARC_ROUNDING, SPEED_ERROR
 
-MOST_HALVINGS = 24  # of a cell
-MOST_CELLS = 20_000  # after which no cell is halved any more
-ORDER = 8  # Gauss nodes a cell
-POINTS = 15  # Chebyshev's: so many coefficients s^2 has, and |r'|^2 with offsets of degree 5 over a curved guide
-MOST_STEPS = 80  # of Newton or of bisection
+
+@dataclass(frozen=True)
+class ArcTable:
+    """Size of the table of a path's arc length."""
+
+    most_halvings: int = 24  # of a cell
+    most_cells: int = 20_000  # after which no cell is halved any more
+    order: int = 8  # Gauss nodes a cell
+    # Chebyshev's: so many coefficients s^2 has, and |r'|^2 with offsets of degree 5 over a curved guide
+    points: int = 15
+    most_steps: int = 80  # of Newton or of bisection
+
+
+TABLE = ArcTable()
 TINY = float(np.finfo(float).tiny)  # in place of a length of 0
 
 Speeds = Callable[[Array], Array]
@@ -36,12 +45,12 @@ class _Rule:
 
 @cache
 def _rule() -> _Rule:
-    nodes = gauss_rule(ORDER).nodes
-    angles = np.pi * (np.arange(POINTS) + 0.5) / POINTS
-    to_coefficients = (2.0 / POINTS) * np.cos(np.arange(POINTS)[:, None] * angles)
+    nodes = gauss_rule(TABLE.order).nodes
+    angles = np.pi * (np.arange(TABLE.points) + 0.5) / TABLE.points
+    to_coefficients = (2.0 / TABLE.points) * np.cos(np.arange(TABLE.points)[:, None] * angles)
     to_coefficients[0] *= 0.5
-    to_powers: Array = np.linalg.inv(np.vander(nodes, ORDER, increasing=True)).astype(np.float64)
-    to_values = np.vander(np.cos(angles), ORDER, increasing=True)
+    to_powers: Array = np.linalg.inv(np.vander(nodes, TABLE.order, increasing=True)).astype(np.float64)
+    to_values = np.vander(np.cos(angles), TABLE.order, increasing=True)
     return _Rule(nodes, to_powers.T, np.cos(angles), to_values.T, to_coefficients.T)
 
 
@@ -53,9 +62,9 @@ class ArcLength:
         left, width = edges[:-1], np.diff(edges)
         cells = self._fitted(left, width)
         off = self._strays(left, width, cells)
-        for _ in range(MOST_HALVINGS):
+        for _ in range(TABLE.most_halvings):
             bad = ~(off <= SPEED_ERROR)
-            if not bad.any() or len(left) > MOST_CELLS:
+            if not bad.any() or len(left) > TABLE.most_cells:
                 break
             half = 0.5 * width[bad]
             begins, halves = np.concatenate([left[bad], left[bad] + half]), np.concatenate([half, half])
@@ -66,8 +75,8 @@ class ArcLength:
         order = np.argsort(left, kind="stable")
         self._left, self._width = left[order], width[order]
         self._rates = cells[order] * (0.5 * length * self._width)[:, None]
-        self._driven = np.zeros((len(order), ORDER + 1))
-        self._driven[:, 1:] = self._rates / np.arange(1, ORDER + 1)
+        self._driven = np.zeros((len(order), TABLE.order + 1))
+        self._driven[:, 1:] = self._rates / np.arange(1, TABLE.order + 1)
         self._driven[:, 0] = -_valued(self._driven.T, np.full(len(order), -1.0))
         self.until = np.zeros(len(order) + 1)
         self._lengths = self._driven.sum(axis=1)
@@ -121,7 +130,7 @@ class ArcLength:
         driven, rates = self._driven.T[:, cell], self._rates.T[:, cell]
         low, high = np.full_like(target, -1.0), np.ones_like(target)
         x = 2.0 * target / np.maximum(driven.sum(axis=0), TINY) - 1.0
-        for _ in range(MOST_STEPS):
+        for _ in range(TABLE.most_steps):
             excess = _valued(driven, x) - target
             if bool(np.all(np.abs(excess) <= ARC_ROUNDING * self.total)):
                 break
@@ -136,7 +145,7 @@ class ArcLength:
         driven, rates = self._driven[cell, ::-1].tolist(), self._rates[cell, ::-1].tolist()
         low, high, close = -1.0, 1.0, ARC_ROUNDING * self.total
         x = 2.0 * target / max(float(self._lengths[cell]), TINY) - 1.0
-        for _ in range(MOST_STEPS):
+        for _ in range(TABLE.most_steps):
             excess = _horner(driven, x) - target
             if abs(excess) <= close:
                 break

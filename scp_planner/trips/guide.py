@@ -14,9 +14,18 @@ from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.trips.tolerances import GUIDE_ERROR, SLIVER
 
-CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
-MOST_CELLS = 200_000
-QUADRATURE_ORDER = 6
+
+@dataclass(frozen=True)
+class GuideTable:
+    """Size of the table of a guide's positions."""
+
+    # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
+    cells_per_piece: int = 2
+    most_cells: int = 200_000
+    order: int = 6
+
+
+TABLE = GuideTable()
 
 # Power coefficients of the quintic from value, first and second derivative at 0 and at 1
 _HERMITE = np.array(
@@ -160,15 +169,15 @@ class CurvedGuide:
         """Number of cells to a piece of the heading, and the error of positions with them, m."""
         rate = np.maximum(np.abs(self._rate[:, 0]), np.abs(self._rate[:, 0] + self._second * self._width))
         bend = np.abs(self._curvature[:, 0]) + rate * self._width
-        bells = complete_bell_polynomials(bend, rate, np.abs(self._second), 2 * QUADRATURE_ORDER)
-        n, quintic, rule = QUADRATURE_ORDER, float(bells[5].max()), float(bells[2 * QUADRATURE_ORDER].sum())
+        bells = complete_bell_polynomials(bend, rate, np.abs(self._second), 2 * TABLE.order)
+        n, quintic, rule = TABLE.order, float(bells[5].max()), float(bells[2 * TABLE.order].sum())
         quintic /= 64 * factorial(6)
         rule *= factorial(n) ** 4 / ((2 * n + 1) * factorial(2 * n) ** 3)
-        parts = CELLS_PER_PIECE
+        parts = TABLE.cells_per_piece
         while True:
             h = self._width / parts
             error = quintic * h**6 + rule * parts * h ** (2 * n + 1)
-            if error <= GUIDE_ERROR * self.length or 2 * parts * self.pieces > MOST_CELLS:
+            if error <= GUIDE_ERROR * self.length or 2 * parts * self.pieces > TABLE.most_cells:
                 return parts, error
             parts *= 2
 
@@ -176,7 +185,7 @@ class CurvedGuide:
         """Coefficients of the quintics, (cells, 6, 2), in powers of the share of the cell."""
         count = len(self._heading) * parts
         edges: Array = self._cell * np.arange(count + 1, dtype=np.float64)
-        rule = gauss_rule(QUADRATURE_ORDER)
+        rule = gauss_rule(TABLE.order)
         inner: Array = (edges[:-1, None] + 0.5 * self._cell * (rule.nodes + 1.0)).ravel()
         phi = self._local(self._heading, inner).reshape(count, -1)
         steps = 0.5 * self._cell * np.stack([np.cos(phi) @ rule.weights, np.sin(phi) @ rule.weights], axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array, cross
@@ -9,15 +11,24 @@ from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.tolerances import SAME_DIRECTION
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 
-SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
-ARC_STEP = 0.15  # rad, between the points of an arc
-LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
-WINDOW = 1.5  # radii: width of the moving average
-SAMPLES_PER_WINDOW = 60
-MOST_SAMPLES = 500_000  # of the average: windows get wider on guides that would need more
-MOST_AT_ONCE = 2**16  # numbers in an array on the way to it: half a megabyte, as fetching more memory takes longer
-FEW_CHANGES = 64  # of direction, that are looked at together
-MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it have room for
+
+@dataclass(frozen=True)
+class Smoothing:
+    """Rounding of the corners of a polyline."""
+
+    sharp: float = 0.3  # rad; corners that turn by less are rounded by the moving average alone
+    arc_step: float = 0.15  # rad, between the points of an arc
+    least_bend: float = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
+    window: float = 1.5  # radii: width of the moving average
+    samples_per_window: int = 60
+    most_samples: int = 500_000  # of the average: windows get wider on guides that would need more
+    # numbers in an array on the way to it: half a megabyte, as fetching more memory takes longer
+    most_at_once: int = 2**16
+    few_changes: int = 64  # of direction, that are looked at together
+    most_pieces: int = 3400  # of the heading's spline: what the tables of paths over it have room for
+
+
+SMOOTHING = Smoothing()
 
 
 def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
@@ -32,9 +43,11 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
         return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
     places = np.cumsum(lengths)[:-1]
     total = float(lengths.sum())
-    half = max(0.5 * min(WINDOW * least, 0.5 * total), SAMPLES_PER_WINDOW * total / MOST_SAMPLES)
+    half = max(
+        0.5 * min(SMOOTHING.window * least, 0.5 * total), SMOOTHING.samples_per_window * total / SMOOTHING.most_samples
+    )
     # The average of the polyline over the window has this derivative; beyond its ends the polyline goes straight on.
-    u = np.linspace(0.0, total, max(400, int(SAMPLES_PER_WINDOW * total / half)) + 1)
+    u = np.linspace(0.0, total, max(400, int(SMOOTHING.samples_per_window * total / half)) + 1)
     derivative = _averaged(directions, places, u, half)
     phi = np.unwrap(np.arctan2(derivative[:, 1], derivative[:, 0]))
     speed = np.hypot(derivative[:, 0], derivative[:, 1])
@@ -47,15 +60,15 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
 def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
     """Directions (n + 1, 2) that change at places (n,), averaged over a window about u, (m, 2); all along one line."""
     changes = np.diff(directions, axis=0)
-    if len(u) * len(places) <= MOST_AT_ONCE:
+    if len(u) * len(places) <= SMOOTHING.most_at_once:
         return directions[0] + _shares(u, places, half) @ changes
     averaged = np.empty((len(u), 2))
     first, last = np.searchsorted(places, u - half), np.searchsorted(places, u + half)
     begin = 0
     while begin < len(u):
         # As many as share most of their changes: others are looked at for nothing
-        shared = first[begin] + max(2 * (last[begin] - first[begin]), FEW_CHANGES)
-        most = max(1, MOST_AT_ONCE // (shared - first[begin]))
+        shared = first[begin] + max(2 * (last[begin] - first[begin]), SMOOTHING.few_changes)
+        most = max(1, SMOOTHING.most_at_once // (shared - first[begin]))
         end = begin + min(max(1, int(np.searchsorted(last[begin:], shared, "right"))), most)
         near = slice(first[begin], last[end - 1])
         averaged[begin:end] = directions[near.start] + _shares(u[begin:end], places[near], half) @ changes[near]
@@ -83,10 +96,10 @@ def _shares(u: Array, places: Array, half: float) -> Array:
 
 def check_pieces(length: float, piece: float) -> None:
     """Refuse a curve that would need more pieces than a guide may have, before anything is allocated."""
-    if length > MOST_PIECES * piece:
+    if length > SMOOTHING.most_pieces * piece:
         raise TooLargeError(
             f"guide: a curve of {length:.6g} m in pieces of {piece:.3g} m would have {length / piece:.3g} of them;"
-            f" at most {MOST_PIECES} are allowed: a larger path_span makes them longer"
+            f" at most {SMOOTHING.most_pieces} are allowed: a larger path_span makes them longer"
         )
 
 
@@ -110,17 +123,17 @@ def _rounded(points: Array, radius: float) -> tuple[Array, float]:
     directions = legs / lengths[:, None]
     before, after = directions[:-1], directions[1:]
     turn = np.arctan2(cross(before, after), before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1])
-    sharp = np.abs(turn) >= SHARP
+    sharp = np.abs(turn) >= SMOOTHING.sharp
     # An inner leg is shared by its two corners.
     each = np.where((np.arange(len(legs)) == 0) | (np.arange(len(legs)) == len(legs) - 1), 1.0, 0.5)
     room = np.minimum(lengths[:-1] * each[:-1], lengths[1:] * each[1:])
-    slope = np.tan(np.minimum(0.5 * np.abs(np.where(sharp, turn, SHARP)), 0.499 * np.pi))
+    slope = np.tan(np.minimum(0.5 * np.abs(np.where(sharp, turn, SMOOTHING.sharp)), 0.499 * np.pi))
     tangent = np.minimum(radius * slope, 0.999 * room)
     bend = tangent / slope
-    least = float(np.maximum(bend[sharp], LEAST_BEND * radius).min(initial=radius))
+    least = float(np.maximum(bend[sharp], SMOOTHING.least_bend * radius).min(initial=radius))
     spoke = (-bend * np.sign(turn))[:, None] * np.stack([-before[:, 1], before[:, 0]], axis=1)
     centre = points[1:-1] - tangent[:, None] * before - spoke
-    steps = np.where(sharp, np.ceil(np.abs(turn) / ARC_STEP), 0.0).astype(np.intp)
+    steps = np.where(sharp, np.ceil(np.abs(turn) / SMOOTHING.arc_step), 0.0).astype(np.intp)
     corner = np.repeat(np.arange(len(turn)), steps + 1)
     number = np.arange(len(corner)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
     angle = turn[corner] * (number / np.maximum(steps, 1)[corner])

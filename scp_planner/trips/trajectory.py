@@ -16,8 +16,16 @@ from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
 from scp_planner.trips.tolerances import SAME_TIME, STILL
 
-MAX_BISECTIONS = 60
-MOST_STRETCHES = 8  # of accelerations with which a trip does not arrive
+
+@dataclass(frozen=True)
+class ArrivalEffort:
+    """Most work that is done to find when a trip arrives."""
+
+    max_bisections: int = 60
+    most_stretches: int = 8  # of accelerations with which a trip does not arrive
+
+
+EFFORT = ArrivalEffort()
 
 
 def _horner(coefficients: Array, x: Array) -> Array:
@@ -187,7 +195,7 @@ class Trajectory:
         local, slope = self._distance[span], self._speed[span]
         low, high = np.zeros_like(distance), np.ones_like(distance)
         x = np.full_like(distance, 0.5)
-        for _ in range(MAX_BISECTIONS):
+        for _ in range(EFFORT.max_bisections):
             excess = _horner(local, x) + (v0 * tau) * (base + width * x) - distance
             if np.all(np.abs(excess) <= 1e-13 * self.path.arc_length):
                 break
@@ -257,7 +265,7 @@ class Trajectory:
 def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, near: float = 0.0) -> Trajectory:
     """Return a trip that arrives, driven harder where it would not."""
     trip = Trajectory.of(space, theta, beta, near)
-    for _ in range(MOST_STRETCHES):
+    for _ in range(EFFORT.most_stretches):
         if np.isfinite(trip.travel_time):
             return trip
         beta = 0.5 * (beta + acceleration)

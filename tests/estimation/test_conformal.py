@@ -11,7 +11,7 @@ import pytest
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import (
-    LEAST,
+    CONFORMAL,
     AdaptiveScales,
     conformal_quantile,
     factor_to_hold,
@@ -183,4 +183,4 @@ def test_regions_do_not_vanish_where_noise_explains_all_that_is_seen() -> None:
     scales = AdaptiveScales(0.05, 1)
     for _ in range(300):
         scales.take_in(0, ["one", "two"], [0.0, 0.0])
-    assert np.array_equal(scales.scales(["one", "two", "new"]), np.full((3, 1), LEAST))
+    assert np.array_equal(scales.scales(["one", "two", "new"]), np.full((3, 1), CONFORMAL.least))

@@ -20,7 +20,7 @@ from scp_planner.estimation.error_laws import NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
 from scp_planner.estimation.observations import Outliers, Screening
 from scp_planner.estimation.process_estimate import ProcessEstimate
-from scp_planner.estimation.process_spans import CENTER_TOLERANCE, COVARIANCE_TOLERANCE
+from scp_planner.estimation.process_spans import SPANS
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
 
@@ -188,8 +188,8 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
     pieces = seen.polynomials(start, stop)
     assert (pieces.breakpoints[0], pieces.breakpoints[-1]) == (start, stop)
     assert np.all(np.diff(pieces.breakpoints) > 0)
-    assert pieces.center_error <= CENTER_TOLERANCE
-    assert pieces.covariance_error <= 2 * COVARIANCE_TOLERANCE
+    assert pieces.center_error <= SPANS.center_tolerance
+    assert pieces.covariance_error <= 2 * SPANS.covariance_tolerance
     if kind.startswith("random_walk"):
         assert (pieces.center_error, pieces.covariance_error) == (0.0, 0.0)
         assert len(pieces.center) == (1 if tails is None else 5)  # kinks of the inflation

@@ -68,7 +68,7 @@ def test_no_wall_lies_in_a_road_of_parts_that_share_their_ends(seed: int) -> Non
         road = unary_union([Polygon(polygon) for polygon in polygons])
         walls = corridor.outside(polygons)
         assert max(Polygon(wall).intersection(road).area for wall in walls) < 1e-6 * road.area
-        outside = road.buffer(0.5 * corridor.WALL).difference(unary_union([Polygon(wall) for wall in walls]))
+        outside = road.buffer(0.5 * corridor.SIZE.wall).difference(unary_union([Polygon(wall) for wall in walls]))
         assert outside.area == pytest.approx(road.area, rel=1e-5)
 
 
@@ -255,6 +255,6 @@ def round_cells(count: int, corners: int) -> list[Ring]:
 
 
 def test_polygons_of_too_many_corners_are_refused_at_once() -> None:
-    assert scene(corridor=round_cells(5, corridor.MOST_CORNERS)[:1] + round_cells(5, 8)[1:]).corridor is not None
+    assert scene(corridor=round_cells(5, corridor.SIZE.most_corners)[:1] + round_cells(5, 8)[1:]).corridor is not None
     with pytest.raises(sp.ScenarioError, match=r"corridor\[2\].* must have at most 100 corners, not 500"):
         scene(corridor=[*round_cells(2, 8), *round_cells(5, 500)[2:3], *round_cells(5, 8)[3:]])

@@ -10,7 +10,7 @@ from scenes import scene
 
 from scp_planner import plan
 from scp_planner.certificate.verdict import off_a_step
-from scp_planner.planning.refinements import STRAYING, commanded_in_steps
+from scp_planner.planning.refinements import REFINEMENT, commanded_in_steps
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.goal import ArrivalSteps, to_beat
@@ -72,5 +72,5 @@ def test_changes_within_long_steps_are_noticed() -> None:
     changed = edges[len(edges) // 2] * trip.travel_time
     assert commanded_in_steps(trip, 0.5 * changed, 1e-6)
     elsewhere = 0.125 * 0.4 * (2.0 * changed / 3.0) ** 2  # in the middle of the second step
-    assert commanded_in_steps(trip, 2.0 * changed / 3.0, 1.01 * elsewhere / STRAYING)
-    assert not commanded_in_steps(trip, 2.0 * changed / 3.0, 0.99 * elsewhere / STRAYING)
+    assert commanded_in_steps(trip, 2.0 * changed / 3.0, 1.01 * elsewhere / REFINEMENT.straying)
+    assert not commanded_in_steps(trip, 2.0 * changed / 3.0, 0.99 * elsewhere / REFINEMENT.straying)

@@ -11,7 +11,7 @@ from scenes import disc, drone, scene
 import scp_planner as sp
 from scp_planner.planning.attempts import HARDLY
 from scp_planner.planning.refinements import (
-    NOTABLE,
+    REFINEMENT,
     FinerDrive,
     FinerPath,
     among_small_zones,
@@ -71,7 +71,7 @@ def test_a_drone_gains_by_shorter_spans_and_tells_beforehand(among: ScpRun) -> N
     search = going_on_from(among)
     search.walk([FinerPath(3, np.inf)])
     assert search.best is not None and search.best.holds
-    assert search.best.travel_time < (1.0 - NOTABLE) * among.travel_time
+    assert search.best.travel_time < (1.0 - REFINEMENT.notable) * among.travel_time
     assert len(search.best.trajectory.space.path.widths) >= 2 * len(among.trajectory.space.path.widths)
 
 

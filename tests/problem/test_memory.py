@@ -93,7 +93,7 @@ def test_cells_that_zones_block_do_not_depend_on_how_many_are_marked_at_once(mon
     problem = build_problem(scenario, sp.zones(scenario), Settings())
     whole = WaySearch(problem)
     expected = blocked.Cells(problem, whole.grid).free
-    monkeypatch.setattr(blocked, "MOST_MARKED", 50)
+    monkeypatch.setattr(blocked, "CHUNKS", blocked.Chunks(most_marked=50))
     again = blocked.Cells(problem, whole.grid).free
     assert np.array_equal(expected, again)
 
