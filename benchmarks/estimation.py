@@ -69,12 +69,7 @@ def updates(kind: str, obstacles: int) -> Callable[[], object]:
         estimator = RecursiveEstimator(obstacles, 2, varying=True)
         covariance = np.broadcast_to(SIGMA, (obstacles, 2, 2))
     else:
-        estimator = RecursiveEstimator(
-            obstacles,
-            2,
-            SIGMA if kind == "covariance known" else None,
-            forgetting=0.95 if kind == "forgetting" else 1.0,
-        )
+        estimator = RecursiveEstimator(obstacles, 2, SIGMA if kind == "covariance known" else None)
     steps = count()
 
     def update() -> None:
@@ -106,7 +101,7 @@ def observed_frames(kind: str, obstacles: int) -> Callable[[], object]:
 
 def cases() -> Iterator[tuple[str, str, int, Callable[[], object]]]:
     """Give what is measured: operation, variant, obstacles, call."""
-    for kind in ("covariance known", "covariance estimated", "forgetting", "covariances vary", "random walk"):
+    for kind in ("covariance known", "covariance estimated", "covariances vary", "random walk"):
         for obstacles in OBSTACLES:
             yield "recursive update", kind, obstacles, updates(kind, obstacles)
     for kind in ("calm", "restless"):

@@ -15,7 +15,6 @@ from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.filter_tree import state_after
 from scp_planner.estimation.kalman import FilterState, first_state, update_state
 from scp_planner.estimation.observations import (
-    Faulty,
     Outliers,
     Screening,
     check_covariance,
@@ -24,7 +23,6 @@ from scp_planner.estimation.observations import (
 )
 from scp_planner.estimation.process_estimate import ProcessEstimate
 from scp_planner.scenario.process_model import ProcessModel
-from scp_planner.settings.knobs import word_of
 
 FEW = 64  # observations of a history, that are taken in one by one; more are put together at once
 
@@ -39,13 +37,11 @@ class MotionFilter:
         covariance: ArrayLike | None = None,
         *,
         gate_probability: float | None = None,
-        missing: Faulty | str = Faulty.REFUSE,
     ) -> None:
         if gate_probability is not None and not 0.0 < gate_probability < 1.0:
             raise EstimationError(f"gate_probability: {gate_probability!r} is not between 0 and 1")
         self.model = model
         self.gate_probability = gate_probability
-        self.missing = word_of(Faulty, missing, "missing")
         self._dynamics = dynamics_of(model)
         own = model.noise_deviation**2 * np.eye(2)
         self._noise = np.broadcast_to(
@@ -58,7 +54,6 @@ class MotionFilter:
         self._newest = np.full((obstacles, 2), math.nan)
         self._count = np.zeros(obstacles, dtype=np.intp)
         self._noise_sum = np.zeros((obstacles, 2, 2))
-        self._rejected = np.zeros(obstacles, dtype=np.intp)
         self.log_likelihood = np.zeros(obstacles)
         """Log-likelihood of each obstacle's observations but the first, (K,)."""
 
@@ -67,23 +62,12 @@ class MotionFilter:
         """Number of observations of each estimate, (K,)."""
         return self._count.copy()
 
-    @property
-    def rejected_in_a_row(self) -> Index:
-        """Number of the newest observations of each obstacle that the gate left out, (K,)."""
-        return self._rejected.copy()
-
     def copy(self) -> MotionFilter:
         """Give a filter that has seen the same, and goes on by itself."""
         other = copy(self)
-        for name in ("_state", "_newest", "_count", "_noise_sum", "_rejected", "log_likelihood"):
+        for name in ("_state", "_newest", "_count", "_noise_sum", "log_likelihood"):
             setattr(other, name, getattr(self, name).copy())
         return other
-
-    def reset(self, obstacle: int = 0) -> None:
-        """Forget all that was seen of an obstacle."""
-        self._state.times[obstacle] = -math.inf
-        self._count[obstacle] = self._rejected[obstacle] = 0
-        self._noise_sum[obstacle] = self.log_likelihood[obstacle] = 0.0
 
     def update(
         self,
@@ -101,12 +85,9 @@ class MotionFilter:
         noise = self._noise
         if covariance is not None:
             noise = np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
-        used = usable(t, z, seen, self.missing, self._state.times, self._newest, in_order=True)
+        used = usable(t, z, seen, self._state.times, self._newest, in_order=True)
         if self.gate_probability is not None:
-            inside = self._gate(t, z, noise, used)
-            self._rejected += used & ~inside
-            used = inside
-            self._rejected[used] = 0
+            used = self._gate(t, z, noise, used)
         self._begin(t, z, noise, np.flatnonzero(used & (self._count == 0)))
         self._go_on(t, z, noise, np.flatnonzero(used & (self._count > 0)))
         self._newest[used] = z[used]

@@ -102,17 +102,16 @@ def usable(
     times: Array,
     positions: Array,
     seen: ArrayLike | None,
-    missing: Faulty,
     last_times: Array,
     last_positions: Array,
     *,
-    in_order: bool,
+    in_order: bool = False,
 ) -> Mask:
     """Tell which new observations of K obstacles, at most one of each, can be used."""
     finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
     wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
     used: Mask = wanted & finite
-    if missing is Faulty.REFUSE and not np.array_equal(used, wanted):
+    if not np.array_equal(used, wanted):
         k = int(np.argmax(wanted & ~finite))
         raise EstimationError(
             f"obstacle {k}: time {float(times[k])!r} or position {positions[k].tolist()} is not finite"

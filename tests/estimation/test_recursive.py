@@ -48,22 +48,21 @@ def assert_same(one: PolynomialEstimate, other: PolynomialEstimate) -> None:
 
 
 @pytest.mark.parametrize("prior", [None, PRIOR])
-@pytest.mark.parametrize("forgetting", [1.0, 0.9])
 @pytest.mark.parametrize("noise", ["known", "estimated", "varying"])
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_recursive_is_batch(order: int, noise: str, forgetting: float, prior: MotionPrior | None) -> None:
+def test_recursive_is_batch(order: int, noise: str, prior: MotionPrior | None) -> None:
     for count in (order + 4, 150):
         times, positions = recording(count, order=order)
         each = covariances(count)
         estimator = RecursiveEstimator(
-            3, order, SIGMA if noise == "known" else None, varying=noise == "varying", forgetting=forgetting
+            3, order, SIGMA if noise == "known" else None, varying=noise == "varying"
         )
         for i in range(count):
             estimator.update(times[i], positions[i], each[i] if noise == "varying" else None)
         assert estimator.observations.tolist() == [count] * 3
         for k in range(3):
             sigma = {"known": SIGMA, "estimated": None, "varying": each[:, k]}[noise]
-            batch = estimate_motion(times, positions[:, k], sigma, order, prior, forgetting=forgetting)
+            batch = estimate_motion(times, positions[:, k], sigma, order, prior)
             assert_same(estimator.estimate(k, prior), batch)
             assert estimator.positions(times[-1] + 1)[k] == pytest.approx(
                 estimator.estimate(k).position(times[-1] + 1), rel=1e-14
@@ -94,20 +93,9 @@ def test_obstacles_are_seen_when_they_are_seen() -> None:
         assert_same(estimator.estimate(k), batch)
 
 
-def test_missing_positions_can_be_taken_for_not_seen() -> None:
-    times, positions = recording(10)
-    positions[4, 1] = np.nan
-    estimator = RecursiveEstimator(3, 1, SIGMA, missing="drop")
-    for i in range(10):
-        estimator.update(times[i], positions[i])
-    assert estimator.observations.tolist() == [10, 9, 10]
-    rest = np.delete(np.arange(10), 4)
-    assert_same(estimator.estimate(1), estimate_motion(times[rest], positions[rest, 1], SIGMA, 1))
-
-
 def test_refused_observations_change_nothing() -> None:
     times, positions = recording(8, 2)
-    estimator = RecursiveEstimator(2, 1, SIGMA, forgetting=0.9)
+    estimator = RecursiveEstimator(2, 1, SIGMA)
     for i in range(7):
         estimator.update(times[i], positions[i])
     before = estimator.estimate(0)
@@ -117,7 +105,6 @@ def test_refused_observations_change_nothing() -> None:
         ((times[7], spoiled), r"obstacle 1: time .* or position \[inf, .*\] is not finite"),
         ((np.nan, positions[7]), "obstacle 0: time nan"),
         ((times[6], positions[6]), "obstacle 0: the observation at time .* comes twice"),
-        ((times[2], positions[2]), "obstacle 0: time .* is before .* must come in order"),
         ((times[7], positions[7, :1]), r"positions: their shape is \(1, 2\); must be \(2, 2\)"),
         ((times[7], positions[7], SIGMA), "covariance: it must not come"),
     ):
@@ -125,15 +112,13 @@ def test_refused_observations_change_nothing() -> None:
             estimator.update(*arguments)
     assert_same(estimator.estimate(0), before)
     estimator.update(times[7], positions[7])
-    assert_same(estimator.estimate(1), estimate_motion(times, positions[:, 1], SIGMA, 1, forgetting=0.9))
+    assert_same(estimator.estimate(1), estimate_motion(times, positions[:, 1], SIGMA, 1))
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"order": 3}, "order: 3"),
-        ({"forgetting": 1.5}, "forgetting: 1.5"),
-        ({"gate_probability": 0.0}, "gate_probability: 0.0"),
         ({"covariance": SIGMA, "varying": True}, "comes with each observation"),
         ({"covariance": -SIGMA}, "not positive definite"),
     ],
