@@ -13,14 +13,7 @@ from scp_planner.baseline.descent import Descent
 from scp_planner.baseline.descent_run import DescentStatus
 from scp_planner.baseline.descent_settings import DescentSettings
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.attempts import (
-    GOOD_ENOUGH,
-    Attempt,
-    ReadyProblem,
-    Search,
-    Tally,
-    met_what_was_left_out,
-)
+from scp_planner.planning.attempts import ATTEMPTS, Attempt, ReadyProblem, Search, Tally, met_what_was_left_out
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
@@ -89,7 +82,7 @@ def penalty_descent(
     with tally.timed("build"):
         ready = ReadyProblem.of(build_problem(inside, zones, scene))
     only = None if start is None else _as_start(ready.near, start, units)
-    enough = ready.lower_bound * (1.0 + GOOD_ENOUGH / scene.effort)
+    enough = ready.lower_bound * (1.0 + ATTEMPTS.good_enough / scene.effort)
     search = Search[CheckedDescent](tally, deadline, ready.lower_bound, enough)
     search.walk([_Descents(ready, zones, scene, descent, seed, only)])
     best = search.best

@@ -20,16 +20,17 @@ from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
-class FirstPieces:
-    """Number and width of the pieces of time that a check begins with."""
+class PieceSettings:
+    """Pieces of time that a check begins with, and how often they are halved."""
 
     intervals: int = 192  # at the first level, at most, besides those between knots
     width: float = 0.04  # units of time, of shorter trips' intervals at the first level
     finer: float = 2.0  # times as many, where the clearance is wanted closely: that mostly spares quartering them
     fewest: int = 16
+    max_halvings: int = 22
 
 
-FIRST_PIECES = FirstPieces()
+PIECES = PieceSettings()
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ class CheckedTrip:
         stride = 1 if cells else CELLS_PER_SPAN
         knots = trajectory.path.exact.at(space.tables.station_parameters[stride:-1:stride])
         duration = (self.last - self.first) * trajectory.travel_time
-        finer = FIRST_PIECES.finer if np.isfinite(precision) else 1.0
-        count = int(finer * min(max(duration / FIRST_PIECES.width, FIRST_PIECES.fewest), FIRST_PIECES.intervals))
+        finer = PIECES.finer if np.isfinite(precision) else 1.0
+        count = int(finer * min(max(duration / PIECES.width, PIECES.fewest), PIECES.intervals))
         inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self.zone_knots()])
         inner = inner[(inner > self.first) & (inner < self.last)]
         edges = np.concatenate([np.linspace(self.first, self.last, count + 1), inner])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.checked_trip import PIECES, CheckedTrip
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.tolerances import END_TOLERANCE, LENGTH_TOLERANCE
 from scp_planner.certificate.verdict import Clearance, Violation
@@ -21,7 +21,6 @@ from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_cleara
 class ClearanceEffort:
     """Most work that is done to bound a clearance."""
 
-    max_halvings: int = 22
     most_pieces: int = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
     many_zones: int = 32  # more than these are first searched for those that can matter
     pairs_at_once: int = 2**15  # of them whose distances are bounded closely
@@ -160,7 +159,7 @@ class _Search:
     def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
         """Quarter pieces on which a zone's bound does not decide, until all are decided or one is touched."""
         disc = self.disc
-        for _ in range(EFFORT.max_halvings // 2):
+        for _ in range(PIECES.max_halvings // 2):
             if not len(left.interval):
                 return _Bound(certified, nearest)
             bound = self._fine(left, disc)
@@ -222,7 +221,7 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc) -> Vi
     radius = checked.scenario.vehicle.radius
     offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
     at = 0.0
-    for _ in range(EFFORT.max_halvings):
+    for _ in range(PIECES.max_halvings):
         center = disc.center
         inside = frame.to_world(center.position) @ _SIDES.T - offsets - disc.off[:, None]
         slope = np.abs(frame.vectors_to_world(center.velocity) @ _SIDES.T)

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.checked_trip import CheckedTrip, Finding
+from scp_planner.certificate.checked_trip import PIECES, CheckedTrip, Finding
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.tolerances import END_TOLERANCE, RELATIVE_TOLERANCE
 from scp_planner.certificate.verdict import LimitUse
 from scp_planner.mathematics.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.places import Stretch, stretches
-
-MAX_HALVINGS = 22
-A_JUMP = 1e12  # units of jerk, said of the jerk where the acceleration jumps
 
 
 def limits_found(checked: CheckedTrip, limits: Limits, pieces: Pieces, enclosure: Enclosure) -> dict[str, Finding]:
@@ -116,7 +113,7 @@ def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, e
     checked.go_on()
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = -1.0, 0.0, False
-    for _ in range(MAX_HALVINGS // 2):
+    for _ in range(PIECES.max_halvings // 2):
         quantity = _bounded(checked, name, enclosure)
         worst = int(np.argmax(np.abs(quantity.value)))
         if abs(quantity.value[worst]) > best:
@@ -139,7 +136,7 @@ def _jerk(checked: CheckedTrip, limit: float) -> Finding:
         jumps = np.abs(np.diff(trajectory.beta))
         worst = int(np.argmax(jumps)) if len(jumps) else 0
         sigma = float(breaks[1:-1][worst]) if len(jumps) else 0.0
-        value = A_JUMP if jumps.max(initial=0.0) > 0.0 else 0.0
+        value = 1e12 if jumps.max(initial=0.0) > 0.0 else 0.0  # said of the jerk where the acceleration jumps
     else:
         pieces = basis.derivative.combine(trajectory.beta) / trajectory.travel_time
         ends = np.abs(np.concatenate([pieces[:, :1], pieces.sum(axis=1, keepdims=True)], axis=1))
@@ -155,7 +152,7 @@ def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces,
     checked.go_on()
     allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = 0.0, 0.0, False
-    for _ in range(MAX_HALVINGS):
+    for _ in range(PIECES.max_halvings):
         half, speed = enclosure.half, enclosure.speed
         position = checked.trip.frame.to_world(enclosure.path.position)
         fastest = speed + enclosure.acceleration_bound * half

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from scp_planner.estimation.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
-LARGEST_ALPHA = 1.0 - 2.0**-53  # the largest number below 1: what holds with hardly any probability has some region
+LARGEST_ALPHA = math.nextafter(1.0, 0.0)  # below 1: what holds with hardly any probability has some region
 
 
 def region_scale(

@@ -40,7 +40,6 @@ class ConformalSettings:
 
 
 CONFORMAL = ConformalSettings()
-_BANDS = np.array([1.0 + CONFORMAL.band, 1.0 - CONFORMAL.band])[:, None, None]
 
 
 def conformal_quantile(scores: ArrayLike, alpha: float, groups: int | None = None) -> float:
@@ -166,7 +165,8 @@ class AdaptiveScales:
         """Sizes of n tracks over some horizons, (n, h)."""
         level = np.minimum(self._every[kind], self._own[rows, kind] + CONFORMAL.slack * self.alpha)
         level = level[:, horizons.start : horizons.stop]
-        levels = level * _BANDS
+        bands = np.array([1.0 + CONFORMAL.band, 1.0 - CONFORMAL.band])
+        levels = level * bands[:, None, None]
         known = [self._known(kind, horizon) for horizon in horizons]
         least, most = _quantiles(known, levels.reshape(-1, len(horizons))).reshape(levels.shape)
         found = np.minimum(np.maximum(least, 1.0), most)

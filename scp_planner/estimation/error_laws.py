@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from scp_planner.errors import EstimationError
 
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
-_FEWEST_DEGREES_OF_FREEDOM = 2  # with fewer, an estimated covariance in the plane is singular
+FEWEST_DEGREES_OF_FREEDOM = 2  # with fewer, an estimated covariance in the plane is singular
 
 
 class ErrorLaw(ABC):
@@ -71,10 +71,10 @@ class HotellingErrors(ErrorLaw):
     degrees_of_freedom: float  # nu >= 2
 
     def __post_init__(self) -> None:
-        if not self.degrees_of_freedom >= _FEWEST_DEGREES_OF_FREEDOM:
+        if not self.degrees_of_freedom >= FEWEST_DEGREES_OF_FREEDOM:
             raise EstimationError(
                 f"degrees of freedom: {self.degrees_of_freedom:g} leave the noise covariance"
-                f" unknown; at least {_FEWEST_DEGREES_OF_FREEDOM} are needed: more observations, a lower"
+                f" unknown; at least {FEWEST_DEGREES_OF_FREEDOM} are needed: more observations, a lower"
                 " order or a known covariance"
             )
 

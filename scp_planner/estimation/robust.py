@@ -3,24 +3,36 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from sys import float_info
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.estimation.error_laws import (
+    FEWEST_DEGREES_OF_FREEDOM,
+    ErrorLaw,
+    HotellingErrors,
+    NormalErrors,
+    StudentErrors,
+)
 from scp_planner.estimation.least_squares import MotionFit, MotionProblem, Noise, fit_motion
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import CheckedObservations
 from scp_planner.estimation.tolerances import RESIDUAL_TOLERANCE
 
-HUBER_DISTANCE = 2.0
-"""Mahalanobis distance beyond which Huber's weights fall; 13.5 % of normal observations lie beyond it."""
 
-_STEPS = 200
-_TINY = float(np.finfo(float).tiny)
-_FEWEST_DEGREES = 2  # to judge an observation by the others with a general covariance
+@dataclass(frozen=True)
+class HuberSettings:
+    """Weights of Huber's estimate."""
+
+    # Mahalanobis distance beyond which Huber's weights fall; 13.5 % of normal observations lie beyond it
+    distance: float = 2.0
+    steps: int = 200
+
+
+HUBER = HuberSettings()
 
 
 def gated(problem: MotionProblem, seen: CheckedObservations, probability: float) -> PolynomialEstimate:
@@ -28,7 +40,7 @@ def gated(problem: MotionProblem, seen: CheckedObservations, probability: float)
     # Rosner, Technometrics 25, 1983, with Bonferroni's bound for the least of n chances and for the rounds).
     fits = [fit_motion(problem, seen)]
     improbable = 0
-    spare = len(seen.times) - problem.order - 1 - (0 if seen.covariance is not None else _FEWEST_DEGREES)
+    spare = len(seen.times) - problem.order - 1 - (0 if seen.covariance is not None else FEWEST_DEGREES_OF_FREEDOM)
     rounds = max(min(len(seen.times) // 3, spare), 0)
     for taken in range(1, rounds + 1):
         chances = _chances(fits[-1])
@@ -62,9 +74,9 @@ def huber(problem: MotionProblem, seen: CheckedObservations) -> PolynomialEstima
     forgotten = problem.forgetting ** np.arange(len(plain.rows) - 1, -1, -1.0)
     degrees = len(plain.rows) - problem.order - 1
     sigma, residuals = plain.noise, plain.residuals
-    for _ in range(_STEPS):
+    for _ in range(HUBER.steps):
         distances = _distances(residuals, sigma)
-        fit = fit_motion(problem, seen, forgotten * np.minimum(1.0, HUBER_DISTANCE / distances))
+        fit = fit_motion(problem, seen, forgotten * np.minimum(1.0, HUBER.distance / distances))
         if seen.covariance is None:
             sigma = _scatter(fit.residuals, distances, degrees, problem.noise)
         moved = float(np.max(_distances(fit.residuals - residuals, sigma)))
@@ -89,10 +101,10 @@ def _chances(fit: MotionFit) -> Array:
     # closed form.
     degrees = len(fit.rows) - fit.problem.order - 1
     unexplained = 1.0 - 0.5 * np.trace(np.linalg.solve(fit.noise, explained), axis1=1, axis2=2)
-    shares = _distances(fit.residuals, fit.noise) ** 2 / np.maximum(degrees * unexplained, _TINY)
+    shares = _distances(fit.residuals, fit.noise) ** 2 / np.maximum(degrees * unexplained, float_info.min)
     if fit.problem.noise is Noise.ISOTROPIC:
         return np.maximum(1.0 - 0.5 * shares, 0.0) ** (degrees - 1)
-    if degrees <= _FEWEST_DEGREES:
+    if degrees <= FEWEST_DEGREES_OF_FREEDOM:
         return np.ones(len(shares))
     return np.maximum(1.0 - shares, 0.0) ** (0.5 * (degrees - 2))
 
@@ -100,19 +112,19 @@ def _chances(fit: MotionFit) -> Array:
 def _distances(residuals: Array, sigma: Array) -> Array:
     """Give the residuals' Mahalanobis distances, at least a tiny one; sigma is common or one for each."""
     solved = np.linalg.solve(np.broadcast_to(sigma, (len(residuals), 2, 2)), residuals[:, :, None])[:, :, 0]
-    return np.sqrt(np.maximum(np.einsum("na,na->n", residuals, solved), _TINY))
+    return np.sqrt(np.maximum(np.einsum("na,na->n", residuals, solved), float_info.min))
 
 
 def _scatter(residuals: Array, distances: Array, degrees: int, noise: Noise) -> Array:
-    shares = np.minimum(1.0, (HUBER_DISTANCE / distances) ** 2)
-    consistency = -math.expm1(-0.5 * HUBER_DISTANCE**2)
+    shares = np.minimum(1.0, (HUBER.distance / distances) ** 2)
+    consistency = -math.expm1(-0.5 * HUBER.distance**2)
     scatter = residuals.T @ (shares[:, None] * residuals) / (degrees * consistency)
     return 0.5 * np.trace(scatter) * np.eye(2) if noise is Noise.ISOTROPIC else scatter
 
 
 def _spread_factor(distances: Array, degrees: int) -> float:
     """Give E[psi^2] / 2 over (E[psi' + psi / d] / 2)^2, psi(d) = min(d, k); at least that of normal noise."""
-    k = HUBER_DISTANCE
+    k = HUBER.distance
     inside = -math.expm1(-0.5 * k**2)
     beyond = k * math.sqrt(0.5 * math.pi) * math.erfc(k / math.sqrt(2.0))
     normal = inside / (inside + 0.5 * beyond) ** 2

@@ -13,13 +13,13 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, EstimationError, Fault, TracksError
+from scp_planner.trips.sample_checks import MOST_FAULTS
 from scp_planner.trips.sample_files import NAMES, delimiter_of, plain_name
 
 OBSMAT_STEP = 0.4  # s between the rows of one person
 DUT_FRAME_RATE = 23.98  # 1/s
 
 _OBSMAT_COLUMNS = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
-_MOST_FAULTS = 20  # of a file that are listed
 _XML = ".xml"
 _SUFFIXES = (".csv", ".txt", _XML)
 
@@ -129,7 +129,7 @@ def _read_commonroad(path: Path) -> list[Track]:
             else:
                 rows.append(_TrackPoint(count, name, time, x, y))
     if faults:
-        raise TracksError(str(path), faults[:_MOST_FAULTS])
+        raise TracksError(str(path), faults[:MOST_FAULTS])
     if not rows:
         raise TracksError(str(path), [Fault("", path.name, "must hold obstacles with trajectories")])
     return _tracks(path, rows, step, "time")
@@ -173,7 +173,7 @@ def _rows(
         name = single if form.id is None else (fields.get(form.id) or "").strip()
         if form.id is not None and not name:
             faults.append(Fault(f"line {number}, column {form.id}", name, "must name the track"))
-        if len(faults) >= _MOST_FAULTS:
+        if len(faults) >= MOST_FAULTS:
             return
         time, x, y = values
         if time is not None and x is not None and y is not None:
@@ -224,5 +224,5 @@ def _tracks(path: Path, rows: Sequence[_TrackPoint], seconds: float, column: str
             positions = np.array([[row.x, row.y] for row in own])
             tracks.append(Track(name, seconds * np.array([row.time for row in own]), positions))
     if faults:
-        raise TracksError(str(path), faults[:_MOST_FAULTS])
+        raise TracksError(str(path), faults[:MOST_FAULTS])
     return tracks

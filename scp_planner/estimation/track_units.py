@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,8 +11,17 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.tracks import Tracks
 
 _STEP, _INTERVAL = 0.5, 0.4  # m and s between two positions of people, in whose units parameters are near 1
-_NOISE = 0.1  # of the usual distance between positions
-_BITS = 8  # a unit is 1, or 2^8 as large or small, and so on: how often people were seen does not matter
+
+
+@dataclass(frozen=True)
+class TrackUnits:
+    """Units of recorded tracks."""
+
+    noise: float = 0.1  # of the usual distance between positions
+    bits: int = 8  # a unit is 1, or 2^8 as large or small, and so on: how often people were seen does not matter
+
+
+UNITS = TrackUnits()
 
 
 def unit_of(name: str, tracks: Tracks) -> float:
@@ -36,7 +46,7 @@ def usual_parameters(tracks: Tracks) -> dict[str, float]:
         "velocity_deviation": speed,
         "time_constant": lasting,
         "diffusion": 2.0 * speed**2 / lasting,
-        "noise_deviation": _NOISE * float(steps.mean()),
+        "noise_deviation": UNITS.noise * float(steps.mean()),
     }
 
 
@@ -53,4 +63,4 @@ def _intervals(tracks: Tracks) -> Array:
 def _coarse(values: Array, usual: float) -> float:
     """The power of 2^8 that is nearest to how large values are on average, in relation to usual ones."""
     mean = float(values.mean()) if len(values) else 0.0
-    return 2.0 ** (_BITS * round(math.log2(mean / usual) / _BITS)) if mean > 0.0 else 1.0
+    return 2.0 ** (UNITS.bits * round(math.log2(mean / usual) / UNITS.bits)) if mean > 0.0 else 1.0

@@ -10,8 +10,16 @@ import numpy as np
 
 from scp_planner.arrays import Array
 
-STEP = 0.12  # rad, between points of an arc
-FREE_HEADINGS = 24  # tried where an end has none
+
+@dataclass(frozen=True)
+class Arcs:
+    """Points of arcs, and headings that are tried."""
+
+    step: float = 0.12  # rad, between points of an arc
+    free_headings: int = 24  # tried where an end has none
+
+
+ARCS = Arcs()
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ def shortest_path(start: Pose, goal: Pose, radius: float) -> Array:
 def _headings(pose: Pose) -> list[float]:
     if pose.heading is not None:
         return [pose.heading]
-    return [2.0 * pi * k / FREE_HEADINGS for k in range(FREE_HEADINGS)]
+    return [2.0 * pi * k / ARCS.free_headings for k in range(ARCS.free_headings)]
 
 
 def _words(
@@ -99,7 +107,7 @@ def _points(
             continue
         side = 1.0 if kind == "L" else -1.0
         center = (x - side * radius * sin(heading), y + side * radius * cos(heading))
-        steps = ceil(length / STEP)
+        steps = ceil(length / ARCS.step)
         for k in range(1, steps + 1):
             at = heading + side * length * k / steps
             points.append((center[0] + side * radius * sin(at), center[1] - side * radius * cos(at)))

@@ -20,8 +20,16 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import to_beat
 from scp_planner.trips.trajectory import Trajectory
 
-HARDLY = 0.15  # largest violation of a run that hardly fails: another one may mend it
-GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
+
+@dataclass(frozen=True)
+class AttemptSettings:
+    """Runs that hardly fail, and trips that are fast enough."""
+
+    hardly: float = 0.15  # largest violation of a run that hardly fails: another one may mend it
+    good_enough: float = 1e-3  # relative distance to the lower bound at which no other way is looked for
+
+
+ATTEMPTS = AttemptSettings()
 
 
 class MethodRun(Protocol):

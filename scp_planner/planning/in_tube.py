@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 from scp_planner.certificate.check import certify
@@ -12,11 +12,16 @@ from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.scenario.models import Scenario
 
-ROUNDS = 6
-"""Trips that are planned, at most; the last has the most room that the tube can take."""
-MORE = 1.05
-"""Times of the missing clearance that are added: the next trip may be a little faster there."""
 
+@dataclass(frozen=True)
+class TubeRounds:
+    """Rounds of planning in a tube."""
+
+    most: int = 6  # Trips that are planned, at most; the last has the most room that the tube can take
+    more: float = 1.05  # Times of the missing clearance that are added: the next trip may be a little faster there
+
+
+ROUNDS = TubeRounds()
 PlanOne = Callable[[Scenario, float | None], Plan]
 """Plans a scenario within a wall time, s."""
 
@@ -31,7 +36,7 @@ def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time
     # From each obstacle by its id, and from the walls of the workspace, None, which all keep at least.
     rooms: dict[str | None, float] = dict.fromkeys([None, *(one.id for one in scenario.obstacles)], tube.standing)
     iterations, lower_bound = 0, 0.0
-    for left in reversed(range(ROUNDS)):
+    for left in reversed(range(ROUNDS.most)):
         within = None if time_limit is None else max(time_limit - (perf_counter() - began), 1e-3)
         made = plan_one(_roomier(scenario, rooms), within)
         iterations += made.iterations
@@ -73,5 +78,5 @@ def _more(rooms: Mapping[str | None, float], violations: Iterable[Violation], wi
     for violation in violations:
         whom = violation.obstacle if violation.obstacle in rooms else None
         missing = max(violation.allowed - violation.value, 0.0)
-        more[whom] = min(max(rooms[whom], rooms[None]) + MORE * missing, widest)
+        more[whom] = min(max(rooms[whom], rooms[None]) + ROUNDS.more * missing, widest)
     return more if more != rooms else dict.fromkeys(rooms, widest)

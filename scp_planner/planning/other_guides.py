@@ -10,7 +10,7 @@ from math import cos, inf, sin
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.planning.attempts import HARDLY, Attempt
+from scp_planner.planning.attempts import ATTEMPTS, Attempt
 from scp_planner.planning.refinements import REFINEMENT, refinements
 from scp_planner.planning.runs import CheckedRuns, ScpRun
 from scp_planner.planning.trip_search import TripSearch
@@ -72,7 +72,7 @@ class FastestGuide(Attempt[TripSearch, ScpRun]):
         if other is None:
             return
         logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
-        hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
+        hopeful = not other.holds and other.run.evaluation.worst_violation < ATTEMPTS.hardly
         if hopeful and not other.better_than(best) and other.travel_time * GUIDES.detour < best.travel_time:
             further = TripSearch(other.runs)
             further.best = other

@@ -15,7 +15,7 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.tolerances import ARRIVAL_TOLERANCE
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.mathematics.splines import greville_sites
-from scp_planner.planning.attempts import HARDLY, Attempt
+from scp_planner.planning.attempts import ATTEMPTS, Attempt
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.problem.guides import may_want_another_guide
@@ -178,7 +178,7 @@ class FinerDrive(Refinement):
 def may_gain_by_spans(best: ScpRun) -> bool:
     """True if shorter spans of the path may make a trip faster, or a certified one."""
     if not best.holds:
-        return best.run.evaluation.worst_violation < HARDLY
+        return best.run.evaluation.worst_violation < ATTEMPTS.hardly
     theta, space = best.trajectory.theta, best.trajectory.space
     span = space.length / len(space.path.widths)
     # A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared

@@ -42,9 +42,18 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-CONTINUATIONS = 4  # how often a run that is at its limit of iterations goes on
+
+@dataclass(frozen=True)
+class RunLimits:
+    """Limits of runs of the loop."""
+
+    continuations: int = 4  # how often a run that is at its limit of iterations goes on
+    # iterations, after which a run from a way that is far from feasible makes room for other ways
+    hopeless_after: int = 8
+
+
+LIMITS = RunLimits()
 SPARING = replace(LOOP, spared=3.0)  # a run leaves time for its last iteration and for its certificate
-HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from feasible makes room for other ways
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,7 @@ class CheckedRuns:
                 everything, self.solver = _with_given(everything, task.given, self.solver)
             ready = ReadyProblem.of(everything)
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
-            self.loop = self._loop(self.problem, HOPELESS_AFTER, task.steps)
+            self.loop = self._loop(self.problem, LIMITS.hopeless_after, task.steps)
 
     @property
     def most_ways(self) -> int:
@@ -234,7 +243,7 @@ class CheckedRuns:
         most, task = self.task.settings.max_iterations, self.task
         run = loop.run(start, most, cutoff, task.deadline, trust, rival=rival)
         task.tally.iterations += len(run.record)
-        for _ in range(CONTINUATIONS):
+        for _ in range(LIMITS.continuations):
             if run.status is not LoopStatus.ITERATION_LIMIT or task.out_of_time:
                 break
             logger.info("at the limit of %d iterations after %.4f units; going on", most, promise(run)[1])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.planning.attempts import GOOD_ENOUGH, Search
+from scp_planner.planning.attempts import ATTEMPTS, Search
 from scp_planner.planning.runs import CheckedRuns, ScpRun
 from scp_planner.scp.goal import to_beat
 from scp_planner.trips.trajectory import Trajectory
@@ -29,7 +29,7 @@ class TripSearch(Search[ScpRun]):
 
     def __init__(self, runs: CheckedRuns, known: float = np.inf) -> None:
         task = runs.task
-        enough = runs.lower_bound * (1.0 + GOOD_ENOUGH / task.settings.effort)
+        enough = runs.lower_bound * (1.0 + ATTEMPTS.good_enough / task.settings.effort)
         super().__init__(task.tally, task.deadline, runs.lower_bound, enough, task.arrival_step)
         self.runs, self.task, self.known = runs, task, known
         self.failed: list[Start] = []

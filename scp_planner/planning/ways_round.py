@@ -14,7 +14,7 @@ import numpy as np
 from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
 from scp_planner.constraints.clearance import Clearance
 from scp_planner.constraints.discs import DiscClearance
-from scp_planner.planning.attempts import GOOD_ENOUGH, HARDLY, Attempt
+from scp_planner.planning.attempts import ATTEMPTS, Attempt
 from scp_planner.planning.runs import CheckedRuns, ScpRun, promise
 from scp_planner.planning.trip_search import Start, TripSearch
 from scp_planner.problem.problem import Problem
@@ -110,7 +110,7 @@ class FinerWays(Ways):
         with search.tally.timed("search"):
             bound = bound_among(task.scenario, known, task.threat_zones, search.deadline)
         search.lower_bound = max(search.lower_bound, bound)
-        search.enough = max(search.enough, search.lower_bound * (1.0 + GOOD_ENOUGH / task.settings.effort))
+        search.enough = max(search.enough, search.lower_bound * (1.0 + ATTEMPTS.good_enough / task.settings.effort))
         logger.info("no trip is faster than %.4f units, the best takes %.4f", bound, known)
         return known > search.enough
 
@@ -232,7 +232,7 @@ def _run_from(search: TripSearch, start: Start) -> ScpRun:
 
 
 def _hardly_infeasible(found: ScpRun) -> bool:
-    return found.run.status is LoopStatus.INFEASIBLE and found.run.evaluation.worst_violation < HARDLY
+    return found.run.status is LoopStatus.INFEASIBLE and found.run.evaluation.worst_violation < ATTEMPTS.hardly
 
 
 def _touched(problem: Problem, trip: Trajectory) -> tuple[tuple[int, int], ...]:

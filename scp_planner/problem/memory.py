@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from scp_planner.errors import TooLargeError
-from scp_planner.trips.space import ACCELERATION_ENTRIES, PATH_ENTRIES
+from scp_planner.trips.space import SIZE
 
 SEARCH_BYTES = 165_000_000  # of a search on the largest grid, whose cells have a bound of their own
 MOST_BYTES = 500_000_000 - SEARCH_BYTES  # of all else of a plan
@@ -15,7 +15,7 @@ _LOOK_ENTRIES = 24  # of a sample and a zone: centres, covariances, distances, a
 
 def plan_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
     """Memory that a plan takes, bytes: the tables of its splines, and the arrays of one trip among near zones."""
-    tables = PATH_ENTRIES * spans**2 + ACCELERATION_ENTRIES * drive_spans**2
+    tables = SIZE.path_entries * spans**2 + SIZE.acceleration_entries * drive_spans**2
     bends = _BEND_ENTRIES * spans * (spans + drive_spans)
     return _ENTRY_BYTES * (tables + bends + _LOOK_ENTRIES * (samples + drive_spans) * zones)
 

@@ -15,8 +15,6 @@ from scp_planner.solvers.scaling import equilibrate_sparse
 from scp_planner.solvers.sparse_rows import stacked
 from scp_planner.solvers.tolerances import GAP_TOLERANCE, REDUCED_TOLERANCE
 
-_MOST_ITERATIONS = 200
-
 _STATUS = {
     "Solved": SolverStatus.OPTIMAL,
     "AlmostSolved": SolverStatus.OPTIMAL,
@@ -34,7 +32,7 @@ class ClarabelSolver:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
-        settings.max_iter = _MOST_ITERATIONS
+        settings.max_iter = 200
         settings.direct_solve_method = "qdldl"
         settings.presolve_enable = False  # it would drop rows, and we drop those without a bound ourselves
         settings.equilibrate_enable = False  # done with better scaling here

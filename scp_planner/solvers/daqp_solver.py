@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import daqp
@@ -16,10 +16,20 @@ from scp_planner.solvers.scaling import equilibrate
 from scp_planner.solvers.tolerances import ACTIVE_AT_START, ROW_TOLERANCE
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
-_CONTRADICTION = -6  # of the constraints taken as active at first: the guess, and the equalities
-_NO_BOUND = 1e30
+
+
+@dataclass(frozen=True)
+class DaqpSettings:
+    """Codes and limits of DAQP."""
+
+    contradiction: int = -6  # of the constraints taken as active at first: the guess, and the equalities
+    no_bound: float = 1e30
+    # at most, and for each variable and row; what takes twice as many as others did is in a cycle
+    iterations: tuple[int, int] = (500, 2)
+
+
+DAQP = DaqpSettings()
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
-_ITERATIONS = (500, 2)  # at most, and for each variable and row; what takes twice as many as others did is in a cycle
 
 
 class DaqpSolver:
@@ -44,18 +54,18 @@ class DaqpSolver:
 def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Solution:
     size, equalities = len(program.gradient), program.equalities
     upper = np.concatenate([program.upper, program.bound])
-    lower = np.full(len(upper), -_NO_BOUND)
+    lower = np.full(len(upper), -DAQP.no_bound)
     lower[:size] = program.lower
     lower[size : size + equalities] = program.bound[:equalities]
     sense = _touching_origin(lower, upper) if active is None else _sense(active)
     sense[size : size + equalities] = 0
     guessed = sense.any()
     sense[size : size + equalities] = _EQUALITY
-    most = _ITERATIONS[0] + _ITERATIONS[1] * (size + len(program.bound))
+    most = DAQP.iterations[0] + DAQP.iterations[1] * (size + len(program.bound))
     settings = {"primal_tol": ROW_TOLERANCE, "iter_limit": most, "time_limit": program.time_limit}
     x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **settings)
     status = _STATUS.get(int(flag), SolverStatus.FAILED)
-    if flag == _CONTRADICTION and not guessed:
+    if flag == DAQP.contradiction and not guessed:
         status = SolverStatus.INFEASIBLE
     x, multipliers = np.asarray(x), np.asarray(info["lam"])
     # It may call nothing a number and the best; what it did not write is whatever stood there, and cannot be summed.

@@ -16,7 +16,6 @@ from scp_planner.solvers.sparse_rows import stacked
 
 # Iterations until the answer is polished. Splitting alone needs thousands, or does not get there, where polishing
 # nearly always succeeds after the first round.
-_ROUNDS = (250, 1000, 4000)
 _SETTINGS = {
     "verbose": False,
     "scaling": 0,
@@ -51,7 +50,7 @@ class OsqpSolver:
         solution = Solution(
             SolverStatus.FAILED, np.zeros(len(program.gradient)), np.zeros(len(program.gradient) + len(program.bound))
         )
-        for iterations in _ROUNDS:
+        for iterations in (250, 1000, 4000):
             left = deadline - perf_counter()
             if left <= 0.0:
                 solution = replace(solution, status=SolverStatus.FAILED)

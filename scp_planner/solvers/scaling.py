@@ -11,8 +11,16 @@ from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution
 from scp_planner.solvers.tolerances import NARROWEST
 
-PASSES = 12
-NO_BOUND = 1e20  # bounds beyond this are none: as rows they would hurt the scaling
+
+@dataclass(frozen=True)
+class ScalingSettings:
+    """Passes of equilibration, and bounds that are none."""
+
+    passes: int = 12
+    no_bound: float = 1e20  # bounds beyond this are none: as rows they would hurt the scaling
+
+
+SCALING = ScalingSettings()
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ def _factors(hessian: Array, matrix: coo_array) -> tuple[Array, Array]:
     hessian, values = np.abs(hessian), np.abs(matrix.data)
     row, column = matrix.coords
     columns, rows = np.ones(matrix.shape[1]), np.ones(matrix.shape[0])
-    for _ in range(PASSES):
+    for _ in range(SCALING.passes):
         widest, highest = hessian.max(axis=0), np.zeros(len(rows))
         np.maximum.at(widest, column, values)
         np.maximum.at(highest, row, values)
@@ -95,10 +103,10 @@ def _scaling(program: QuadraticProgram, columns: Array, rows: Array, matrix: Arr
         program,
         hessian=program.hessian * (cost * columns * columns[:, None]),
         gradient=gradient * cost,
-        lower=np.where(program.lower > -NO_BOUND, program.lower, -np.inf) / columns,
-        upper=np.where(program.upper < NO_BOUND, program.upper, np.inf) / columns,
+        lower=np.where(program.lower > -SCALING.no_bound, program.lower, -np.inf) / columns,
+        upper=np.where(program.upper < SCALING.no_bound, program.upper, np.inf) / columns,
         matrix=matrix,
-        bound=np.where(program.bound < NO_BOUND, program.bound, np.inf) * rows,
+        bound=np.where(program.bound < SCALING.no_bound, program.bound, np.inf) * rows,
     )
     return Scaling(scaled, columns, rows, cost)
 

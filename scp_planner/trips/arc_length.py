@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from sys import float_info
 
 import numpy as np
 
@@ -26,7 +27,6 @@ class ArcTable:
 
 
 TABLE = ArcTable()
-TINY = float(np.finfo(float).tiny)  # in place of a length of 0
 
 Speeds = Callable[[Array], Array]
 """Speeds over the station |r'| at normalised stations, (n,)."""
@@ -129,7 +129,7 @@ class ArcLength:
             return np.array([self._found_one(int(cell[0]), float(target[0]))])
         driven, rates = self._driven.T[:, cell], self._rates.T[:, cell]
         low, high = np.full_like(target, -1.0), np.ones_like(target)
-        x = 2.0 * target / np.maximum(driven.sum(axis=0), TINY) - 1.0
+        x = 2.0 * target / np.maximum(driven.sum(axis=0), float_info.min) - 1.0
         for _ in range(TABLE.most_steps):
             excess = _valued(driven, x) - target
             if bool(np.all(np.abs(excess) <= ARC_ROUNDING * self.total)):
@@ -144,7 +144,7 @@ class ArcLength:
         """Station of one target in plain numbers, with the bits of the batch: NUMPY-CALLS."""
         driven, rates = self._driven[cell, ::-1].tolist(), self._rates[cell, ::-1].tolist()
         low, high, close = -1.0, 1.0, ARC_ROUNDING * self.total
-        x = 2.0 * target / max(float(self._lengths[cell]), TINY) - 1.0
+        x = 2.0 * target / max(float(self._lengths[cell]), float_info.min) - 1.0
         for _ in range(TABLE.most_steps):
             excess = _horner(driven, x) - target
             if abs(excess) <= close:

@@ -17,28 +17,36 @@ from scp_planner.trips.guide import Guide
 
 QUADRATURE_ORDER = 6  # Gauss nodes a cell: 4 left jumps of 1e-5 m/s in the speed over ground between cells
 CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
-MANY_CELLS = 100  # up to here a product with a triangle is quicker than a cumulative sum along the first axis
+
+
+@dataclass(frozen=True)
+class TableSize:
+    """Size of the tables of a spline."""
+
+    many_cells: int = 100  # up to here a product with a triangle is quicker than a cumulative sum along the first axis
+    most_bytes: int = 512_000_000  # of the tables of one spline
+    entry_bytes: int = 8
+    # A span and a control point: two rows a node, three a station, the running sum, and the bases themselves
+    path_entries: int = 2 * CELLS_PER_SPAN * QUADRATURE_ORDER + 3 * CELLS_PER_SPAN + CELLS_PER_SPAN**2 + 50
+    acceleration_entries: int = 50  # A span and a control point: the bases, alone and side by side
+
+
+SIZE = TableSize()
 _POWERS = np.arange(1, QUADRATURE_ORDER + 1)
-MOST_BYTES = 512_000_000  # of the tables of one spline
-_ENTRY_BYTES = 8
-PATH_ENTRIES = 2 * CELLS_PER_SPAN * QUADRATURE_ORDER + 3 * CELLS_PER_SPAN + CELLS_PER_SPAN**2 + 50
-"""A span and a control point: two rows a node, three a station, the running sum, and the bases themselves."""
-ACCELERATION_ENTRIES = 50
-"""A span and a control point: the bases, alone and side by side."""
 
 
 def check_size(path_spans: int, acceleration_spans: int) -> None:
     """Refuse splines whose tables would not fit into memory, before anything is allocated."""
     for what, spans, each in (
-        ("path", path_spans, PATH_ENTRIES),
-        ("acceleration", acceleration_spans, ACCELERATION_ENTRIES),
+        ("path", path_spans, SIZE.path_entries),
+        ("acceleration", acceleration_spans, SIZE.acceleration_entries),
     ):
-        needed = each * _ENTRY_BYTES * spans * spans
-        if needed > MOST_BYTES:
-            most = int(sqrt(MOST_BYTES / (each * _ENTRY_BYTES)))
+        needed = each * SIZE.entry_bytes * spans * spans
+        if needed > SIZE.most_bytes:
+            most = int(sqrt(SIZE.most_bytes / (each * SIZE.entry_bytes)))
             raise TooLargeError(
                 f"{what}: {spans} spans of its spline would take {needed / 1e6:.0f} MB; at most {most} spans,"
-                f" {MOST_BYTES / 1e6:.0f} MB, are allowed"
+                f" {SIZE.most_bytes / 1e6:.0f} MB, are allowed"
             )
 
 
@@ -91,7 +99,7 @@ class _Tables:
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
         self.weights = self.antiderivative.sum(axis=0)
         self.node_weights = np.tile(self.weights, self.cells)
-        few = self.cells <= MANY_CELLS
+        few = self.cells <= SIZE.many_cells
         self._running_sum = np.tri(self.cells + 1, self.cells, -1) if few else None
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)

@@ -18,9 +18,6 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-PATH_DEGREES = 3, 5
-DRIVE_DEGREES = 0, 2
-
 
 class KeyReader:
     """Reads keys of a plan file with errors that name the file, the key and the value."""
@@ -143,7 +140,7 @@ def _space_in(reader: KeyReader) -> TripSpace:
     """Return the guide and the splines of a plan file."""
     path, drive = reader.part("path"), reader.part("acceleration")
     guide = _guide_in(path)
-    path_degree, drive_degree = path.integer("degree", *PATH_DEGREES), drive.integer("degree", *DRIVE_DEGREES)
+    path_degree, drive_degree = path.integer("degree", 3, 5), drive.integer("degree", 0, 2)
     path_breaks = path.breakpoints("knots", path_degree)
     drive_breaks = drive.breakpoints("knots", drive_degree)
     if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:

@@ -348,10 +348,8 @@ class TestFilter:
         tracker.update(self.times[7], self.positions[7])
         single = estimate_process(self.times, self.positions[:, 0], model())
         assert tracker.estimate(0).position(5.0) == pytest.approx(single.position(5.0))
-        dropping = MotionFilter(model(), 3, missing="drop")
-        assert dropping.update(0.0, spoiled).tolist() == [True, True, False]
         with pytest.raises(EstimationError, match="obstacle 2: it has not been seen"):
-            dropping.estimate(2)
+            MotionFilter(model(), 3).estimate(2)
         with pytest.raises(EstimationError, match="gate_probability: 2"):
             MotionFilter(model(), gate_probability=2)
 

@@ -64,9 +64,6 @@ def test_recursive_is_batch(order: int, noise: str, prior: MotionPrior | None) -
             sigma = {"known": SIGMA, "estimated": None, "varying": each[:, k]}[noise]
             batch = estimate_motion(times, positions[:, k], sigma, order, prior)
             assert_same(estimator.estimate(k, prior), batch)
-            assert estimator.positions(times[-1] + 1)[k] == pytest.approx(
-                estimator.estimate(k).position(times[-1] + 1), rel=1e-14
-            )
 
 
 def test_observations_may_come_in_any_order() -> None:

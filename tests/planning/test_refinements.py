@@ -9,7 +9,7 @@ import pytest
 from scenes import disc, drone, scene
 
 import scp_planner as sp
-from scp_planner.planning.attempts import HARDLY
+from scp_planner.planning.attempts import ATTEMPTS
 from scp_planner.planning.refinements import (
     REFINEMENT,
     FinerDrive,
@@ -100,7 +100,7 @@ def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: S
     trip = among.trajectory
     through = Trajectory.of(trip.space, np.zeros_like(trip.theta), trip.beta, trip.travel_time)
     run = among.runs.loop.run(through, 0)
-    assert run.evaluation.worst_violation > HARDLY
+    assert run.evaluation.worst_violation > ATTEMPTS.hardly
     assert not may_gain_by_spans(among.runs.judged(run))
 
 

@@ -30,7 +30,7 @@ from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path as TripPath
 from scp_planner.trips.smoothing import check_pieces, smooth_guide
-from scp_planner.trips.space import MOST_BYTES, TripSpace
+from scp_planner.trips.space import SIZE, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -159,7 +159,7 @@ def test_the_largest_spaces_take_what_they_are_said_to_take() -> None:
     finally:
         tracemalloc.stop()
     assert space.path_size == 305
-    assert peak < MOST_BYTES * (300 / 650) ** 2 * 1.3
+    assert peak < SIZE.most_bytes * (300 / 650) ** 2 * 1.3
 
 
 def test_a_guide_of_4000_jittered_points_takes_little_memory() -> None:
