@@ -54,9 +54,7 @@ def test_recursive_is_batch(order: int, noise: str, prior: MotionPrior | None) -
     for count in (order + 4, 150):
         times, positions = recording(count, order=order)
         each = covariances(count)
-        estimator = RecursiveEstimator(
-            3, order, SIGMA if noise == "known" else None, varying=noise == "varying"
-        )
+        estimator = RecursiveEstimator(3, order, SIGMA if noise == "known" else None, varying=noise == "varying")
         for i in range(count):
             estimator.update(times[i], positions[i], each[i] if noise == "varying" else None)
         assert estimator.observations.tolist() == [count] * 3
