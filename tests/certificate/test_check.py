@@ -35,7 +35,6 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones import bounds
-from scp_planner.threat_zones.ground import GroundChunks
 from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import CurvedGuide
@@ -289,7 +288,7 @@ def test_bounds_that_are_made_in_parts_say_the_same(walled: bool, monkeypatch: p
         scenario = scene(*moving, goal={"position": [40.0, 0.0]})
     made = sp.plan(scenario)
     whole = sp.certify(scenario, made)
-    monkeypatch.setattr(bounds, "CHUNKS", GroundChunks(at_once=1))
+    monkeypatch.setattr(bounds, "AT_ONCE", 1)
     monkeypatch.setattr(clearance, "EFFORT", clearance.ClearanceEffort(pairs_at_once=3))
     in_parts = sp.certify(scenario, made)
     assert whole.holds and in_parts.holds
@@ -312,7 +311,7 @@ def test_a_check_ends_with_the_clock_while_it_bounds_many_clearances(monkeypatch
     units = NaturalUnits.to_check(scenario)
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     found = tuple(zone.inside(units) for zone in sp.zones(scenario))
-    monkeypatch.setattr(bounds, "CHUNKS", GroundChunks(at_once=1))
+    monkeypatch.setattr(bounds, "AT_ONCE", 1)
     monkeypatch.setattr(bounds.ZoneBounds, "_crude", counted)
     late = certify_trip(inside, trip, found, Scope(deadline=0.5))
     assert len(parts) == 1 and not late.holds
