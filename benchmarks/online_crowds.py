@@ -34,7 +34,7 @@ from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.scenario.process_model import ProcessModel
-from scp_planner.simulation.crowds import LEVEL, among_people
+from scp_planner.simulation.crowds import CROWDS, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.orca import Bodies
 from scp_planner.simulation.people import Manner
@@ -157,7 +157,7 @@ def drive(tracks: Tracks, row: Mapping[str, Any]) -> dict[str, Any]:
     drawn = task(str(row["place"]), tracks, int(row["number"]))
     if row["way"] in SIMPLER:
         return SIMPLER[row["way"]](drawn)
-    level = LEVEL if row["way"] == "zones" else 1e-6
+    level = CROWDS.level if row["way"] == "zones" else 1e-6
     scenario = sp.Scenario(
         name=str(row["place"]),
         vehicle=VEHICLE,

@@ -12,7 +12,7 @@ import numpy as np
 import scp_planner as sp
 from benchmarks.facts import facts_of
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.simulation.loop import FORGET_AFTER, simulate
+from scp_planner.simulation.loop import DEFAULTS, simulate
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
 from scp_planner.simulation.worlds import Course, motion_course
 
@@ -134,8 +134,8 @@ def world_of(scenario: sp.Scenario, family: str, seed: int, trip: float) -> dict
 
 def _online_of(family: str) -> OnlineSettings:
     if family == BELIEVED:
-        return OnlineSettings(forget_after=FORGET_AFTER, alarm_probability=0.0, manoeuvre=0.0)
-    return OnlineSettings(forget_after=FORGET_AFTER)
+        return OnlineSettings(forget_after=DEFAULTS.forget_after, alarm_probability=0.0, manoeuvre=0.0)
+    return OnlineSettings(forget_after=DEFAULTS.forget_after)
 
 
 def drive(

@@ -67,7 +67,7 @@ class Fault:
 
 
 def _told_once(faults: Iterable[Fault]) -> list[str]:
-    """Say each fault; of more than `_MOST_ALIKE` that many obstacles have alike the first, and where else it is."""
+    """Say each fault; of more than `3` that many obstacles have alike the first, and where else it is."""
     alike: dict[tuple[str, str], list[Fault]] = {}
     for number, fault in enumerate(faults):
         obstacle = _OBSTACLE.match(fault.path)
@@ -75,17 +75,16 @@ def _told_once(faults: Iterable[Fault]) -> list[str]:
         alike.setdefault((key, fault.message), []).append(fault)
     lines = []
     for same in alike.values():
-        if len(same) <= _MOST_ALIKE:
+        if len(same) <= 3:
             lines += [str(fault) for fault in same]
             continue
         places = [match[0] for fault in same[1:] if (match := _OBSTACLE.match(fault.path))]
-        named = ", ".join(places[:_MOST_ALIKE]) + (", ..." if len(places) > _MOST_ALIKE else "")
+        named = ", ".join(places[:3]) + (", ..." if len(places) > 3 else "")
         lines.append(f"{same[0]} (and so in {len(places)} more: {named})")
     return lines
 
 
 _OBSTACLE = re.compile(r"obstacles\[\d+\]")
-_MOST_ALIKE = 3
 
 
 class ScpPlannerError(Exception):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import json
 import math
 import os
@@ -10,7 +12,7 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -35,12 +37,16 @@ LARGEST_COORDINATE = 1e12
 DEEPEST = 100
 """Levels of lists and mappings in a YAML file; no scenario comes near."""
 
-_INT = re.compile(r"^[-+]?[0-9]+$")
-_FLOAT = re.compile(
-    r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
-)
-_BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
-_NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
+_YAML_TAGS = {  # of YAML 1.2: pattern, and the characters that such text begins with
+    "null": (r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    "bool": (r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    "int": (r"^[-+]?[0-9]+$", list("-+0123456789")),
+    "float": (
+        r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$",
+        list("-+.0123456789"),
+    ),
+    "merge": (r"^<<$", ["<"]),
+}
 
 
 def check_extent(folder: str | PathLike[str]) -> None:
@@ -94,6 +100,15 @@ def write_text(path: str | PathLike[str], text: str) -> None:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
+
+
+def write_rows(path: str | PathLike[str], columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a CSV file as a whole or not at all; floats keep every bit."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
 
 
 def regular_target(path: str | PathLike[str]) -> Path:
@@ -306,13 +321,16 @@ def _loader() -> Any:
     class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
         yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
 
-    tags = ("null", _NULL, ["~", "n", "N", ""]), ("bool", _BOOL, list("tTfF"))
-    numbers = ("int", _INT, list("-+0123456789")), ("float", _FLOAT, list("-+.0123456789"))
-    for tag, pattern, first in (*tags, *numbers, ("merge", re.compile("^<<$"), ["<"])):
-        Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", pattern, first)
+    _resolve(Loader, _YAML_TAGS)
     Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
     Loader.add_constructor("tag:yaml.org,2002:float", lambda loader, node: _float(loader.construct_scalar(node)))
     return Loader
+
+
+def _resolve(kind: Any, tags: Iterable[str]) -> None:
+    for tag in tags:
+        pattern, first = _YAML_TAGS[tag]
+        kind.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(pattern), first)
 
 
 def _float(text: str) -> float:
@@ -333,6 +351,5 @@ def _dumper() -> Any:
         return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if value.isprintable() else '"')
 
     Dumper.add_representer(str, text)
-    Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-    Dumper.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
+    _resolve(Dumper, ("float", "int"))
     return Dumper

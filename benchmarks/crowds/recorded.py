@@ -36,7 +36,7 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.simulation.crowds import LEVEL, among_people
+from scp_planner.simulation.crowds import CROWDS, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
@@ -126,7 +126,7 @@ def scene(place: str, tracks: Tracks, number: int, beginning: Beginning = Beginn
         vehicle=VEHICLE,
         start=sp.Start(time=start, position=where.start, heading=where.heading, speed=0.0),
         goal=sp.Goal(position=where.goal, radius=NEAR_EXIT),
-        confidence=sp.Confidence(probability=LEVEL, level="per_time"),
+        confidence=sp.Confidence(probability=CROWDS.level, level="per_time"),
         obstacles=(),
     )
     return Scene(scenario, people, {name: sp.Disc(disc=PERSON) for name in people})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -21,7 +19,7 @@ from scp_planner.baseline.descent_settings import DescentSettings, Variant
 from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.files import write_text
+from scp_planner.files import write_rows
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, tightened
@@ -39,10 +37,7 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-CURVE_PRICE = (
-    50.0  # units of time for one of length, or of excess: the merit of convergence curves, the same for all methods
-)
-CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
+CURVE_PRICE = 50.0  # Of the merit of all methods' convergence curves, units of time for one of length or of excess
 
 
 @dataclass(frozen=True)
@@ -266,13 +261,13 @@ def _summary(
 
 
 def _outcome(trial: Trial, other: Trial) -> int:
-    """-1 where the trial is better than the other, 1 where it is worse, 0 where neither is."""
+    """-1 where the trial is better than the other, 1 where it is worse, 0 where neither is clearly."""
     if trial.certified != other.certified:
         return -1 if trial.certified else 1
     if not trial.certified:
         return 0
     ratio = trial.travel_time / other.travel_time - 1.0
-    return 0 if abs(ratio) <= CLEARLY_FASTER else (-1 if ratio < 0.0 else 1)
+    return 0 if abs(ratio) <= 1e-3 else (-1 if ratio < 0.0 else 1)
 
 
 def summary_table(trials: Sequence[Trial]) -> str:
@@ -312,9 +307,5 @@ def trial_record(trial: Trial) -> dict[str, str | int | float | bool]:
 
 def save_trials(trials: Sequence[Trial], path: str | PathLike[str]) -> None:
     """Write the trials as CSV, one row each, without the curves."""
-    text = io.StringIO()
     records = [trial_record(trial) for trial in trials]
-    writer = csv.DictWriter(text, fieldnames=list(records[0]) if records else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_text(path, text.getvalue())
+    write_rows(path, list(records[0]) if records else [], records)

@@ -5,13 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent_run import REPAIRABLE
+from scp_planner.baseline.tolerances import MET_SPEED, REPAIRABLE
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
-
-RIGIDITY = 1e-3  # in natural units: keeps the scaling of the offsets regular beside the curvature of the arc length
-GOAL_SPEED_ROUNDS = 20  # of Newton's method for the goal speed
-MET = 1e-10  # units of speed
 
 
 class Coordinates:
@@ -53,12 +49,12 @@ class Coordinates:
             return y
         met = y.copy()
         beta = met[self.path_size :]
-        for _ in range(GOAL_SPEED_ROUNDS):
+        for _ in range(20):
             trajectory = self.trajectory(met)
             gap = wanted - trajectory.final_speed
             if not np.isfinite(gap) or abs(gap) > REPAIRABLE:
                 return y
-            if abs(gap) < MET:
+            if abs(gap) < MET_SPEED:
                 break
             room = np.where(gap * row > 0.0, self.upper[self.path_size :] - beta, beta - self.lower[self.path_size :])
             usable = np.where(room > 1e-3, row, 0.0)
@@ -75,5 +71,6 @@ def path_scaling(problem: Problem) -> Array:
     slopes = tables.node_slopes[:, problem.ends.free] / space.length
     rows = tables.node_rows[:, problem.ends.free]
     bending = (slopes * step[:, None]).T @ slopes / problem.limits.speed
-    matrix = bending + RIGIDITY * (rows * step[:, None]).T @ rows
+    # The second term keeps the scaling regular beside the curvature of the arc length.
+    matrix = bending + 1e-3 * (rows * step[:, None]).T @ rows
     return np.linalg.inv(np.linalg.cholesky(matrix)).T

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.baseline.coordinates import Coordinates
-from scp_planner.baseline.descent_run import REPAIRABLE, DescentRun, DescentStatus, Iterate
+from scp_planner.baseline.descent_run import DescentRun, DescentStatus, Iterate
 from scp_planner.baseline.descent_settings import EVALUATIONS, DescentSettings
 from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
-from scp_planner.baseline.priced import SETTLED_EXCESS, places_of, signed_excess, times_near, uniform, with_margins
+from scp_planner.baseline.priced import places_of, signed_excess, times_near, uniform, with_margins
+from scp_planner.baseline.tolerances import REPAIRABLE, SETTLED_EXCESS, TARGET
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.problem.problem import Problem
@@ -23,16 +24,22 @@ from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
-ESCALATION = 5.0
-STUCK = 3.0  # widths of the hinge; what is violated by more gets dearer
-UNSETTLABLE = 30.0  # widths of the hinge; violations above this at the last price are not settled
-NEAR_WIDTHS = 5.0  # widths of the hinge; below this clearance, but at least NEAR_LEAST, samples are refined
-NEAR_LEAST = 0.3  # units of length
-ACTIVE = 1e-4  # units of time to one; constraints with a larger multiplier are settled
-TARGET = 1e-5  # units of length or relative; what is left to an active constraint by settling
-OUTSIDE = 1e6  # units of time; value of trips that never arrive
-CAREFUL = 10.0  # times the first prices, in the second attempt
-CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
+
+@dataclass(frozen=True)
+class DescentParameters:
+    escalation: float = 5.0  # Factor of prices
+    stuck: float = 3.0  # Widths of the hinge; what is violated by more gets dearer
+    unsettlable: float = 30.0  # Widths of the hinge; violations above this at the last price are not settled
+    near_widths: float = 5.0  # Widths of the hinge; below this clearance samples are refined
+    near_least: float = 0.3  # Units of length; least clearance below which samples are refined
+    active: float = 1e-4  # Units of time to one; constraints with a larger multiplier are settled
+    outside: float = 1e6  # Units of time; value of trips that never arrive
+    careful: float = 10.0  # Times the first prices, in the second attempt
+    careful_width: float = 0.05  # Units of length; widest hinge of the second attempt
+    estimate_slack: float = 0.15  # Units of time; how much better than its estimate another start may turn out
+
+
+DESCENT = DescentParameters()
 
 
 class Descent:
@@ -75,9 +82,9 @@ class Descent:
         self._begin(
             replace(
                 settings,
-                widths=(CAREFUL_WIDTH, *(width for width in settings.widths if width < CAREFUL_WIDTH)),
-                zone_price=CAREFUL * settings.zone_price,
-                limit_price=CAREFUL * settings.limit_price,
+                widths=(DESCENT.careful_width, *(width for width in settings.widths if width < DESCENT.careful_width)),
+                zone_price=DESCENT.careful * settings.zone_price,
+                limit_price=DESCENT.careful * settings.limit_price,
             )
         )
         return self.run()
@@ -130,15 +137,15 @@ class Descent:
         for _ in range(self.settings.settlings):
             value = self._stage(width)
             excess = signed_excess(self.problem, run.evaluation)
-            active = (self.prices * value.use > ACTIVE) | (excess > -TARGET)
+            active = (self.prices * value.use > DESCENT.active) | (excess > -TARGET)
             if np.abs(excess[active] + TARGET).max(initial=0.0) < SETTLED_EXCESS:
                 run.status = DescentStatus.CONVERGED
                 break
             if self._raise_prices(width):
                 continue
-            reach = STUCK * self._widths(width)
+            reach = DESCENT.stuck * self._widths(width)
             self.margins = self.margins + np.where(active, np.clip(excess + TARGET, -reach, reach), 0.0)
-        if run.evaluation.worst_violation > UNSETTLABLE * width:
+        if run.evaluation.worst_violation > DESCENT.unsettlable * width:
             run.status = DescentStatus.INFEASIBLE
         self.y = self.coordinates.with_goal_speed(self.y)
         run.evaluation = self._exact()
@@ -146,8 +153,8 @@ class Descent:
     def _raise_prices(self, width: float) -> bool:
         """Make dearer what is violated by more than the hinge explains; whether anything was."""
         excess, last = signed_excess(self.problem, self.run_so_far.evaluation), self.settings.last_price
-        dear = (excess > STUCK * self._widths(width)) & (self.prices < last)
-        self.prices = np.where(dear, np.minimum(self.prices * ESCALATION, last), self.prices)
+        dear = (excess > DESCENT.stuck * self._widths(width)) & (self.prices < last)
+        self.prices = np.where(dear, np.minimum(self.prices * DESCENT.escalation, last), self.prices)
         return bool(dear.any())
 
     def _widths(self, width: float) -> Array:
@@ -156,7 +163,7 @@ class Descent:
 
     def _stage(self, width: float) -> ObjectiveValue:
         """Minimise with one width of the hinge, from where the last stage ended."""
-        near = max(NEAR_LEAST, NEAR_WIDTHS * width)
+        near = max(DESCENT.near_least, DESCENT.near_widths * width)
         sigma = times_near(self.problem, self.coordinates.trajectory(self.y), near)
         self.objective = PenalisedObjective(self.problem, self.prices, self._widths(width), sigma, self.margins)
         self.best = np.inf
@@ -187,8 +194,8 @@ class Descent:
         found = self.objective.evaluate(self.coordinates.omega(y), gradient=gradient)
         if not np.isfinite(found.value):
             back = np.zeros_like(y)
-            back[self.coordinates.path_size :] = -OUTSIDE * self.problem.space.tables.final_distance
-            return OUTSIDE, back
+            back[self.coordinates.path_size :] = -DESCENT.outside * self.problem.space.tables.final_distance
+            return DESCENT.outside, back
         if found.value < self.best:
             self.best, self.y = found.value, y.copy()
         return found.value, self.coordinates.slope(found.gradient) if gradient else found.gradient

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from scp_planner.baseline.tolerances import REPAIRABLE
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.trips.trajectory import Trajectory
-
-REPAIRABLE = 0.01  # units of length or relative; larger violations are not tightened away
 
 
 class DescentStatus(StrEnum):

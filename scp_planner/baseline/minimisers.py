@@ -11,8 +11,6 @@ from scipy.optimize import minimize
 from scp_planner.arrays import Array
 from scp_planner.baseline.descent_settings import DescentSettings, Variant
 
-ARMIJO = 1e-4
-
 
 class Minimisation(Protocol):
     """A minimisation: function, start and minimiser."""
@@ -63,7 +61,7 @@ def _gradient_descent(task: Minimisation, start: Array, until: int) -> None:
         if not np.abs(step).max() > 1e-12:
             return
         trial_value, trial_slope = task.evaluate(trial)
-        if trial_value > value + ARMIJO * float(slope @ step):
+        if trial_value > value + 1e-4 * float(slope @ step):
             length *= 0.5
             continue
         small = small + 1 if value - trial_value < task.settings.tolerance * abs(value) else 0

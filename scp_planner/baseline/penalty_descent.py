@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.baseline.checked_descent import CheckedDescent, checked_descent
-from scp_planner.baseline.descent import Descent
+from scp_planner.baseline.descent import DESCENT, Descent
 from scp_planner.baseline.descent_run import DescentStatus
 from scp_planner.baseline.descent_settings import DescentSettings
 from scp_planner.certificate.verdict import Certificate
@@ -28,8 +28,6 @@ from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
-
-ESTIMATE_SLACK = 0.15  # units of time; how much better than its estimate another start may turn out
 
 
 def penalty_descent(
@@ -130,7 +128,7 @@ class _Descents(Attempt[Search[CheckedDescent], CheckedDescent]):
             best = search.best
             if search.out_of_time and best is not None:
                 return
-            if best is not None and best.holds and estimate - best_estimate - ESTIMATE_SLACK > 0.0:
+            if best is not None and best.holds and estimate - best_estimate - DESCENT.estimate_slack > 0.0:
                 return
             found = self._from(search, self.ready.near, start, number)
             if met_what_was_left_out(self.ready.near, found.verdict):

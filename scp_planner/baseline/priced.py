@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.baseline.tolerances import COUNTS, SETTLED_EXCESS
 from scp_planner.constraints.clearance import local_minima, refine_minima
 from scp_planner.constraints.constraint import Constraint
 from scp_planner.constraints.drive import kept_by_every_step
@@ -13,10 +14,6 @@ from scp_planner.constraints.settling import settle_minima
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.trips.trajectory import Trajectory
-
-CLUSTER = np.linspace(-1.0, 1.0, 9)  # samples about a minimum of clearance, in steps of the grid
-COUNTS = 1e-16  # share of a violation, below which an excess has no part in its gradient
-SETTLED_EXCESS = 1e-4  # units of length or relative; distance to active constraints at which settling ends
 
 
 def priced_constraints(problem: Problem) -> tuple[Constraint, ...]:
@@ -50,7 +47,7 @@ def times_near(problem: Problem, trajectory: Trajectory, near: float) -> Array:
     minima = refine_minima(grid, clearance, row, zone)
     step = problem.limits.speed * trajectory.travel_time / (problem.grid - 1)
     settle_minima(zones, step, points, row, zone, minima, clearance[row, zone])
-    about = (minima[:, None] + CLUSTER * (grid[1] - grid[0])).ravel()
+    about = (minima[:, None] + np.linspace(-1.0, 1.0, 9) * (grid[1] - grid[0])).ravel()
     return np.concatenate([problem.samples.sigma, np.unique(np.clip(about, 0.0, 1.0))])
 
 

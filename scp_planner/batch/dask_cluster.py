@@ -13,13 +13,6 @@ from scp_planner.batch.executor import Answer, ExecutorError, Fate
 T = TypeVar("T")
 R = TypeVar("R")
 
-AHEAD = 4
-"""Items that are handed in for each thread of the cluster, so that none waits for us."""
-FEWEST_AHEAD = 32
-CONNECT_TIME = 10.0
-"""s to wait for the scheduler."""
-PATIENCE = 120.0
-"""s to wait for a first worker, or a new one when all are gone."""
 SCHEMES_WITH_PORTS = ("tcp", "tls", "ucx", "ws", "wss")
 POLL_TIME, LOOK_TIME = 0.01, 1.0
 """s between two looks at whether there is an answer, and at whether there are workers."""
@@ -28,7 +21,7 @@ POLL_TIME, LOOK_TIME = 0.01, 1.0
 class DaskExecutor:
     """Workers of a Dask cluster."""
 
-    def __init__(self, address: str, connect_time: float = CONNECT_TIME, patience: float = PATIENCE) -> None:
+    def __init__(self, address: str, connect_time: float = 10.0, patience: float = 120.0) -> None:
         try:
             self._distributed: Any = import_module("distributed")
         except ImportError:
@@ -55,7 +48,7 @@ class DaskExecutor:
             return future
 
         try:
-            ahead = max(AHEAD * sum(self.client.nthreads().values()), FEWEST_AHEAD)
+            ahead = max(4 * sum(self.client.nthreads().values()), 32)
             first = [submitted(item) for item in islice(waiting, ahead)]
             futures = self._distributed.as_completed(first, loop=self.client.loop)
             while not futures.is_empty():

@@ -12,9 +12,6 @@ from scp_planner.errors import ScpPlannerError
 T = TypeVar("T")
 R = TypeVar("R")
 
-ATTEMPTS = 3
-"""Tries of an item whose worker dies."""
-
 
 class ExecutorError(ScpPlannerError):
     """No work can be done: workers do not start, or the cluster cannot be reached."""

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import connection, resource_tracker
 from typing import Any, TypeVar
 
-from scp_planner.batch.executor import ATTEMPTS, Answer, ExecutorError, Fate
+from scp_planner.batch.executor import Answer, ExecutorError, Fate
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -28,7 +28,7 @@ _READY = "ready"
 class LocalExecutor:
     """Worker processes on this machine."""
 
-    def __init__(self, workers: int | None = None, attempts: int = ATTEMPTS) -> None:
+    def __init__(self, workers: int | None = None, attempts: int = 3) -> None:
         self.workers = workers or os.cpu_count() or 1
         self.attempts = attempts
 

@@ -28,8 +28,6 @@ from scp_planner.scenario.models import Scenario
 
 SCENARIO_SUFFIXES = (*YAML_SUFFIXES, JSON_SUFFIX)
 PLAN_SUFFIX = ".plan.json"
-MOST_FAULTS = 5
-"""Faults of a scenario that its row names: what is no scenario at all has dozens."""
 NOTHING_CAME = (Fate.ERROR.value, Fate.LOST.value)
 """Statuses of work that came to nothing, for no fault of the scenario."""
 
@@ -186,7 +184,7 @@ def _plan_file(folder: Path, file: str) -> Path:
 
 def _in_a_line(error: ScenarioError | OSError) -> str:
     if isinstance(error, ScenarioError):
-        shown = [str(fault) for fault in error.faults[:MOST_FAULTS]]
+        shown = [str(fault) for fault in error.faults[:5]]
         more = len(error.faults) - len(shown)
         return "; ".join([*shown, *([f"and {more} more faults"] if more else [])])
     return error.strerror or str(error)

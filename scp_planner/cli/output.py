@@ -18,9 +18,6 @@ from scp_planner.cli.groups import Printing
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-PATIENCE = 1.0  # s, without a word
-TICK = 0.25  # s
-ELAPSED = 12  # letters that a time takes at most
 
 _UNITS = {
     "arrival_time": "s",
@@ -78,7 +75,7 @@ def report(summary: dict[str, Any], printing: Printing) -> None:
 
 
 @contextmanager
-def waiting(what: str, quiet: bool, patience: float = PATIENCE) -> Iterator[None]:
+def waiting(what: str, quiet: bool, patience: float = 1.0) -> Iterator[None]:
     """Show on stderr, if that is a terminal, that something is being done that takes longer than some seconds."""
     if quiet or not sys.stderr.isatty():
         yield
@@ -99,10 +96,10 @@ def _tell_that_it_goes_on(what: str, patience: float, done: Event) -> None:
     from tqdm import tqdm
 
     # Some terminals say that they have no width.
-    with tqdm(bar_format=f"{what}: {{elapsed}}", leave=False, ncols=len(what) + ELAPSED) as bar:
+    with tqdm(bar_format=f"{what}: {{elapsed}}", leave=False, ncols=len(what) + 12) as bar:
         bar.start_t -= patience
         bar.refresh()
-        while not done.wait(TICK):
+        while not done.wait(0.25):
             bar.refresh()
 
 

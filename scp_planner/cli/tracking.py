@@ -16,7 +16,6 @@ from scp_planner.cli.output import report
 from scp_planner.errors import MISSING, Fault, TracksError
 
 COLUMNS = ("drive", "speed", "curvature", "error")
-MOST_FAULTS = 20
 
 
 def fit_tracking(
@@ -68,7 +67,7 @@ def _drives(path: Path) -> dict[str, list[list[float]]]:
                     place = f"line {table.line_num}, column {name}"
                     faults.append(Fault(place, row[name] or MISSING, f"must be a finite number{least}"))
             drives.setdefault(row["drive"], []).append(values)
-            if len(faults) >= MOST_FAULTS:
+            if len(faults) >= 20:
                 break
     if faults:
         raise TracksError(str(path), faults)

@@ -40,7 +40,6 @@ DEMO_DATA = ("scenario.yaml", "plan.json", "run.json")
 DEMO_PAGES = ("plan.html", "run.html")
 DEMO_FIGURES = ("plan.png", "space_time.png", "run.gif")
 DEMO_FILES = (*DEMO_DATA, *DEMO_PAGES, *DEMO_FIGURES)
-SLOWEST_RATE = 1e-9  # Hz
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class DriveOptions:
         """Refuse a solver that is not there, and numbers that are too small."""
         check_solver(self.solver)
         check_number("--noise", self.noise, 0.0)
-        check_number("--rate", self.rate, SLOWEST_RATE)
+        check_number("--rate", self.rate, 1e-9)
 
     def values(self) -> Values:
         """Read the values of ``--set``."""
@@ -229,12 +228,12 @@ def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
     from scp_planner.scenario.units import NaturalUnits
     from scp_planner.settings.online import OnlineSettings
     from scp_planner.settings.planning import with_given
-    from scp_planner.simulation.loop import FORGET_AFTER, simulate
+    from scp_planner.simulation.loop import DEFAULTS, simulate
     from scp_planner.simulation.setup import Follower
 
     given = drive.values()
     units = NaturalUnits.of(scenario)
-    online = replace(OnlineSettings(forget_after=FORGET_AFTER * units.time), **given.driving)
+    online = replace(OnlineSettings(forget_after=DEFAULTS.forget_after * units.time), **given.driving)
     with progress_bar(None, "s", quiet, bar_format="driving: {n:.1f} s, {elapsed}") as bar:
 
         def advance(time: float) -> None:

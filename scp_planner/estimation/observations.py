@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
-from scp_planner.scenario.obstacle_checks import DEFINITE, SYMMETRY
+from scp_planner.scenario.tolerances import DEFINITE, SYMMETRY
 from scp_planner.settings.knobs import word_of
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -30,14 +30,7 @@ FRAME, BODY = "map", "base_link"
 """Names of the scenario's frame and of the vehicle's."""
 
 NANOSECONDS = 1_000_000_000
-LATEST_SECOND = 2**31 - 1
-"""ROS counts seconds in 32 bits."""
-
-BAG_VERSION: Final = 8
-"""Version of the bag's metadata, known to releases from Iron on."""
-
-RATE_STEP = 1e-4
-"""Half the span, in parts of the trip, over which the turning rate is differentiated."""
+SECONDS = 2**31  # ROS counts them in 32 bits
 
 
 @dataclass(frozen=True)
@@ -217,7 +210,8 @@ def _write_bag(messages: tuple[StampedMessage, ...], folder: Path) -> None:
         False,
     )
     types = _types()
-    with Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+    # Known to releases from Iron on.
+    with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         kinds = {message.topic: message.kind for message in messages}
         connections = {
             topic: writer.add_connection(topic, kind, typestore=types, offered_qos_profiles=[kept])
@@ -282,7 +276,7 @@ def _trajectory(plan: Plan, table: dict[str, NDArray[Any]], frame: str, body: st
 
 def _turning_change(plan: Plan, time: Array) -> Array:
     """Differentiate the turning rate by time, rad/s2."""
-    step = RATE_STEP * plan.travel_time
+    step = 1e-4 * plan.travel_time
     before, after = (np.clip(time + sign * step, plan.start_time, plan.arrival_time) for sign in (-1.0, 1.0))
     rates = [plan.speed(t) * plan.curvature(t) for t in (before, after)]
     span = after - before
@@ -321,8 +315,8 @@ def _rows(table: dict[str, NDArray[Any]], *names: str) -> Iterator[tuple[float, 
 
 def _stamp(time: float, epoch: float) -> int:
     stamp = round((time + epoch) * NANOSECONDS)
-    if not 0 <= stamp < (LATEST_SECOND + 1) * NANOSECONDS:
-        raise ValueError(f"{time + epoch} s is no time of ROS: must be at least 0 and less than {LATEST_SECOND + 1}")
+    if not 0 <= stamp < SECONDS * NANOSECONDS:
+        raise ValueError(f"{time + epoch} s is no time of ROS: must be at least 0 and less than {SECONDS}")
     return stamp
 
 

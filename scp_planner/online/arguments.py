@@ -17,7 +17,7 @@ from scp_planner.online.tolerances import EIGENVALUE, LEAST_DEVIATION, MOST_DEVI
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Obstacle, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
-from scp_planner.scenario.obstacle_checks import SYMMETRY
+from scp_planner.scenario.tolerances import SYMMETRY
 from scp_planner.units import Units
 
 

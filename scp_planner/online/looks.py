@@ -124,7 +124,7 @@ class Looks:
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOKS.runs
             self._look = look = Look(runs, cutoff)
-            part = BRANCHES if first else LOOKS.part
+            part = WAYS.branches if first else LOOKS.part
             look.starts = self._means.starts(
                 problem, lambda: look.cutoff, lambda: self._deadline, LOOKS.grids[self._grid], part
             )

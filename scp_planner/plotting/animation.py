@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.files import replacing
 from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
-from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
+from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, frame_count, record_plan
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
 from scp_planner.settings.pictures import FILM_SUFFIXES
 from scp_planner.trips.trip import discs_at
@@ -32,10 +31,8 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 
-MOST_FRAMES = 1200
 WIDTH, PROFILES_HEIGHT = 7.2, 1.75
 """inches"""
-DPI = 100
 GIF_TICK = 0.01
 """s. Times between the frames of a GIF are whole multiples of it."""
 UNCHANGED = 255
@@ -69,7 +66,7 @@ def animate_plan(
         If the suffix is another one, there is no ffmpeg, or `truth` names an unknown obstacle.
     """
     check_suffix(path, FILM_SUFFIXES)
-    frames = int(np.clip(math.ceil(plan.travel_time * frames_per_second), 2, MOST_FRAMES))
+    frames = frame_count(plan.travel_time, frames_per_second)
     animate(record_plan(plan, scenario, frames + 1, truth), path)
 
 
@@ -115,7 +112,7 @@ class Film:
         height = float(np.clip(0.9 * WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.8
         figure = Figure(
             figsize=(WIDTH, height + PROFILES_HEIGHT),
-            dpi=DPI,
+            dpi=100,
         )
         figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
         parts: Any = figure.subfigures(2, 1, height_ratios=[height, PROFILES_HEIGHT])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
     from scp_planner.scenario.shapes import Shape
 
-FINE = 0.02
-"""Borders of several polygons are cut into bits no longer than this part of their extent."""
 
-BOUNDARY_POINTS = 60
-"""Points on the boundary of a zone."""
+@dataclass(frozen=True)
+class BorderParameters:
+    fine: float = 0.02  # Borders of several polygons are cut into bits no longer than this part of their extent
+    boundary_points: int = 60  # Points on the boundary of a zone
+    # rad. Turns the directions, so that none is normal to an edge: the boundary point would not be unique
+    phase: float = 0.0123
+    step: float = 1e-6  # Relative step of the differences of the support function and of time
 
-_PHASE = 0.0123
-"""rad. Turns the directions, so that none is normal to an edge: the boundary point would not be unique."""
 
-_STEP = 1e-6
-"""Relative step of the differences of the support function and of time."""
+BORDERS = BorderParameters()
 
 
 class Convex(Protocol):
@@ -38,17 +38,18 @@ class Convex(Protocol):
         ...
 
 
-def boundary_of(zone: Convex, times: Array, count: int = BOUNDARY_POINTS) -> Array:
+def boundary_of(zone: Convex, times: Array, count: int = BORDERS.boundary_points) -> Array:
     """Points on the boundary of a convex zone about its centre: the gradient of its support function."""
-    angles = _PHASE + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    angles = BORDERS.phase + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     shape = (len(times), count)
     directions = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)], axis=-1), (*shape, 2))
     t = np.broadcast_to(times[:, None], shape)
     points = np.empty((*shape, 2))
+    epsilon = BORDERS.step
     for axis in (0, 1):
         step = np.zeros(2)
-        step[axis] = _STEP
-        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (2.0 * _STEP)
+        step[axis] = epsilon
+        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (2.0 * epsilon)
     return points
 
 
@@ -76,7 +77,7 @@ def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
     return [replace(zone, outlines=(outline,)) for outline in zone.outlines]
 
 
-def boundaries_of(zones: Sequence[ThreatZone], times: Array, count: int = BOUNDARY_POINTS) -> Array:
+def boundaries_of(zones: Sequence[ThreatZone], times: Array, count: int = BORDERS.boundary_points) -> Array:
     """Points on the boundaries of all convex pieces of an obstacle's zones about the centre of the first one."""
     center = zones[0].center(times)
     pieces = [
@@ -96,7 +97,7 @@ def borders_of(pieces: Sequence[Array]) -> Array:
 def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Array:
     """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams."""
     ends = np.roll(piece, -1, axis=0)
-    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
+    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (BORDERS.fine * size)).astype(int)
     parts = np.concatenate([np.arange(count) / count for count in counts if count])
     start, side = np.repeat(piece, counts, axis=0), np.repeat(ends - piece, counts, axis=0)
     step = side / np.repeat(counts, counts)[:, None]

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.recording import ObstacleRecord, Recording
 
-CLOSE_BY = 0.12
-"""Zones no farther from the vehicle than this part of the trip's extent are filled."""
-CROWD = 12
-"""With more obstacles than this only those near the vehicle are drawn."""
 LARGE, UNSURE = 0.24, 1.5
 """Outlines of zones that are far away are left out if they are larger than this part of the trip's extent, and so
 many times as large as the obstacle: so little is known that they would only hide what matters."""
-COVERS = 0.5
-"""Zones larger than this part of the trip's extent are not filled: they would paint over the whole map."""
-STILL = 1e-3
-"""Share of the trip's extent: an obstacle that moves and grows by less stands still."""
-EDGE = 0.02
-"""Room between the edge of the map and what just fits, as a part of the trip's extent."""
+
+
+@dataclass(frozen=True)
+class SelectionParameters:
+    """Sizes as parts of the trip's extent."""
+
+    close_by: float = 0.12  # Zones no farther from the vehicle than this part of the trip's extent are filled
+    crowd: int = 12  # With more obstacles than this only those near the vehicle are drawn
+    # Zones larger than this part of the trip's extent are not filled: they would paint over the whole map
+    covers: float = 0.5
+    still: float = 1e-3  # Share of the trip's extent: an obstacle that moves and grows by less stands still
+    edge: float = 0.02  # Room between the edge of the map and what just fits, as a part of the trip's extent
+
+
+SELECTION = SelectionParameters()
 
 
 def length_of(recording: Recording) -> float:
@@ -29,7 +36,7 @@ def length_of(recording: Recording) -> float:
 
 def is_near(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
     """True if an obstacle's zone is near to the vehicle at a time."""
-    return bool(obstacle.clearance[index] < CLOSE_BY * length_of(recording))
+    return bool(obstacle.clearance[index] < SELECTION.close_by * length_of(recording))
 
 
 def is_shown(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
@@ -40,7 +47,7 @@ def is_shown(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool
         float(np.ptp(points, axis=0).max()) for points in (obstacle.zone_at(index).reshape(-1, 2), obstacle.body)
     )
     large = size > LARGE * length_of(recording) and size > UNSURE * own
-    return not large and len(recording.bodies) <= CROWD
+    return not large and len(recording.bodies) <= SELECTION.crowd
 
 
 def stands(recording: Recording, obstacle: ObstacleRecord) -> bool:
@@ -48,7 +55,7 @@ def stands(recording: Recording, obstacle: ObstacleRecord) -> bool:
     # Of what really was it is known whether it stood, whatever its zones did.
     courses = [obstacle.center, obstacle.boundary] if obstacle.truth is None else [obstacle.truth]
     # What is not known of at some time is NaN, and no less than anything.
-    return all(np.ptp(course, axis=0).max() < STILL * length_of(recording) for course in courses)
+    return all(np.ptp(course, axis=0).max() < SELECTION.still * length_of(recording) for course in courses)
 
 
 def nearest(obstacle: ObstacleRecord) -> int:
@@ -75,7 +82,7 @@ def map_extent(recording: Recording, indices: Index) -> tuple[Array, Array]:
 
 def _with(recording: Recording, low: Array, high: Array, parts: list[Array]) -> tuple[Array, Array]:
     """Widen a box by parts, (n, 2) m each, that reach into it, and are not too large."""
-    box, edge = (low, high), EDGE * _most(recording)
+    box, edge = (low, high), SELECTION.edge * _most(recording)
     for points in parts:
         least, greatest = points.min(axis=0), points.max(axis=0)
         met = bool(((greatest > box[0]) & (least < box[1])).all())
@@ -93,7 +100,7 @@ def is_cut_off(recording: Recording, points: Array, low: Array, high: Array) -> 
 
 def covers_all(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
     """True if an obstacle's zone is so large that it would paint over the whole map."""
-    return float(np.ptp(obstacle.zone_at(index).reshape(-1, 2), axis=0).min()) > COVERS * length_of(recording)
+    return float(np.ptp(obstacle.zone_at(index).reshape(-1, 2), axis=0).min()) > SELECTION.covers * length_of(recording)
 
 
 def _most(recording: Recording) -> float:

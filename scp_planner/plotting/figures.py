@@ -15,7 +15,7 @@ from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import COLOURS, check_suffix, save, settle, style
+from scp_planner.plotting.style import COLOURS, DPI, check_suffix, save, settle, style
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -25,14 +25,8 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
     from scp_planner.simulation.run import Run
 
-SAMPLES = 300
-DPI = 150
-PROFILES_SIZE = (7.5, 8.5)
-"""inches: of a figure of the profiles alone"""
 WIDTH, PROFILES_HEIGHT, PROFILES_WIDTH = 10.0, 3.4, 4.0
 """inches: of a figure with the profiles below the map; of the profiles below and beside it"""
-NARROW = 0.9
-"""A map higher than this part of its width has the profiles beside it."""
 
 
 def plot_plan(
@@ -67,7 +61,7 @@ def plot_plan(
     """
     _check(path, times)
     shown = _shown(times, plan.start_time, plan.arrival_time)
-    grid = np.linspace(plan.start_time, plan.arrival_time, SAMPLES)
+    grid = np.linspace(plan.start_time, plan.arrival_time, 300)
     recording = record_plan(plan, scenario, np.union1d(grid, shown), truth)
     return _plot_recording(recording, shown, path)
 
@@ -121,7 +115,7 @@ def plot_profiles(
         If the suffix is another one, or `truth` names an unknown obstacle.
     """
     _check(path)
-    return _plot_profiles(record_plan(plan, scenario, SAMPLES, truth), path)
+    return _plot_profiles(record_plan(plan, scenario, 300, truth), path)
 
 
 def plot_run_profiles(run: Run, path: str | PathLike[str] | None = None) -> Figure:
@@ -176,7 +170,7 @@ def _plot_profiles(recording: Recording, path: str | PathLike[str] | None) -> Fi
     from matplotlib.figure import Figure
 
     with style():
-        figure = Figure(figsize=PROFILES_SIZE, dpi=DPI)
+        figure = Figure(figsize=(7.5, 8.5), dpi=DPI)
         figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
         panels = list(figure.subplots(6, 1, height_ratios=[0.9, 1, 1, 1, 1, 1]))
         draw_profiles(panels, recording, np.array([], dtype=np.intp), stacked=True, fact_width=80)
@@ -192,7 +186,8 @@ def _parts(extent: tuple[Array, Array]) -> tuple[Figure, SubFigure, SubFigure, b
 
     low, high = extent
     aspect = float((high[1] - low[1]) / (high[0] - low[0]))
-    narrow = aspect > NARROW
+    # A higher map has the profiles beside it.
+    narrow = aspect > 0.9
     parts: Any
     if narrow:
         map_width = float(np.clip(6.3 / aspect, 2.8, 6.2)) + 1.4

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 CELLS = 320
 """Slow places are told from others at so many points along the longer side of a map."""
-LABEL_EDGE = 0.06
-"""Speed limits are written no nearer to the edge of a map than this part of its longer side."""
 
 FORBIDDEN_LOOK: dict[str, Any] = {"facecolor": FORBIDDEN, "edgecolor": GREY, "hatch": "////"}
 SLOW_LOOK: dict[str, Any] = {"facecolor": (SLOW, 0.30), "edgecolor": SLOW, "hatch": "..", "linewidth": 0.0}
@@ -145,7 +143,7 @@ def _write_limit(axes: Axes, recording: Recording, places: Array, text: str) -> 
     from matplotlib.patheffects import withStroke
 
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    room = LABEL_EDGE * max(right - left, top - bottom)
+    room = 0.06 * max(right - left, top - bottom)
     x, y = places.T
     fits = (x > left + room) & (x < right - room) & (y > bottom + 0.5 * room) & (y < top - 0.5 * room)
     if not fits.any():

@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.borders import borders_of
-from scp_planner.plotting.drawn import CROWD, covers_all, is_cut_off, is_near, is_shown, map_extent, nearest, stands
+from scp_planner.plotting.drawn import SELECTION, covers_all, is_cut_off, is_near, is_shown, map_extent, nearest, stands
 from scp_planner.plotting.ground import (
     FORBIDDEN_LOOK,
     GUIDE_LOOK,
@@ -30,14 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
-NAME_HEIGHT = 0.03
-"""Room that a name takes, as a part of the map's longer side."""
-SEEN = 0.007
-"""A vehicle whose radius is less than this part of the map's longer side has a mark, or nobody would see it."""
 ROW = 11
 """No more entries of a legend than these stand in one row above a map."""
-NAMED = 8
-"""With no more obstacles than this they are named on the map."""
 
 _KEY_SPACING: dict[str, Any] = {"handletextpad": 0.4, "columnspacing": 1.0, "borderaxespad": 0.2}
 
@@ -58,7 +52,7 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     _draw_speed(axes, recording)
     for index, colour in zip(indices, COLOURS, strict=False):
         _draw_vehicle(axes, recording, int(index), colour)
-    if len(recording.bodies) <= NAMED:
+    if len(recording.bodies) <= 8:
         places: list[Array] = []
         for obstacle in recording.bodies:
             _name(axes, recording, obstacle, indices, places)
@@ -202,7 +196,7 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     from matplotlib.patches import PathPatch, Polygon
 
     near, shown = is_near(recording, obstacle, index), is_shown(recording, obstacle, index)
-    if not shown and len(recording.bodies) > CROWD:
+    if not shown and len(recording.bodies) > SELECTION.crowd:
         return
     low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
     if shown and (near or not is_cut_off(recording, obstacle.zone_at(index).reshape(-1, 2), low, high)):
@@ -252,7 +246,8 @@ def _draw_speed(axes: Axes, recording: Recording) -> None:
 def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> None:
     from matplotlib.patches import Circle
 
-    if recording.radius < SEEN * float(np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1).max()):
+    # A smaller vehicle has a mark, or nobody would see it.
+    if recording.radius < 0.007 * float(np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1).max()):
         axes.plot(*recording.position[index], "o", markersize=6, color=colour, markeredgecolor="white", zorder=3.9)
     for disc in discs_at(recording.position, recording.heading, recording.discs):
         x, y = disc[index]
@@ -270,7 +265,7 @@ def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: I
     zone = obstacle.zone_at(index)
     above: bool | None = bool(obstacle.center[index, 1] >= recording.position[index, 1])
     x, y = float(obstacle.center[index, 0]), float(zone[..., 1].max() if above else zone[..., 1].min())
-    room = NAME_HEIGHT * float((high - low).max())
+    room = 0.03 * float((high - low).max())
     if not low[1] + room < y < high[1] - room:
         y, above = float(obstacle.center[index, 1]), None
     if not (low[0] + room < x < high[0] - room and low[1] + room < y < high[1] - room):

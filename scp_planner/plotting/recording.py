@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
@@ -154,6 +155,11 @@ class Recording:
                 np.minimum(high, np.add(self.bounds[1], edge)),
             )
         return low, high
+
+
+def frame_count(span: float, frames_per_second: float) -> int:
+    """Frames of a film of a span, s."""
+    return int(np.clip(math.ceil(span * frames_per_second), 2, 1200))
 
 
 def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None) -> Recording:

@@ -15,6 +15,7 @@ from scp_planner.plotting.recording import (
     Recording,
     ReplanRecord,
     clearance_of,
+    frame_count,
     ground_of,
     guide_of,
     profiles_of,
@@ -31,20 +32,11 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run
     from scp_planner.threat_zones.zone import ThreatZone
 
-MOST_FRAMES = 1200
-STILL_SPEED = 1e-6
-"""m/s. What is slower has no direction."""
-CREEPING = 0.01
-"""Below this part of the greatest speed the curvature is not told: it is a quotient of two differences near 0."""
-PATH_POINTS = 100
-BOUNDARY_POINTS = 48
-
 
 def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
     """Sample a closed loop."""
     span = float(run.time[-1] - run.time[0])
-    frames = int(np.clip(math.ceil(span * frames_per_second), 2, MOST_FRAMES))
-    time = np.union1d(np.linspace(run.time[0], run.time[-1], frames + 1), times)
+    time = np.union1d(np.linspace(run.time[0], run.time[-1], frame_count(span, frames_per_second) + 1), times)
     cycle_times = np.array([cycle.time for cycle in run.records])
     cycle = np.clip(np.searchsorted(cycle_times, time + 1e-9, "right") - 1, 0, None)
     position = _interpolated(time, run.time, run.position)
@@ -66,7 +58,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
         goal_region=region_of(run.scenario),
         bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=tuple(
-            plan.position(np.linspace(moment, max(moment, plan.arrival_time), PATH_POINTS))
+            plan.position(np.linspace(moment, max(moment, plan.arrival_time), 100))
             for moment, plan in zip(cycle_times, run.plans, strict=True)
         ),
         path_index=cycle,
@@ -108,7 +100,7 @@ def _obstacle(
     center, heading = np.full((count, 2), np.nan), np.zeros(count)
     # One at least, of which nothing is known, where no cycle knew of it.
     parts = max([1, *(sum(len(one.outlines) or 1 for one in several.get(name, ())) for several in zones)])
-    boundary, clearance = np.full((count, parts, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
+    boundary, clearance = np.full((count, parts, 48, 2), np.nan), np.full(count, np.nan)
     radius = 0.0
     for number in np.unique(cycle):
         several = zones[number].get(name)
@@ -119,7 +111,7 @@ def _obstacle(
         center[now] = zone.center(time[now])
         velocity = zone.center(time[now] + 1e-3) - zone.center(time[now] - 1e-3)
         heading[now] = np.arctan2(velocity[:, 1], velocity[:, 0])
-        pieces = boundaries_of(several, time[now], BOUNDARY_POINTS)
+        pieces = boundaries_of(several, time[now], 48)
         # Where a cycle knew of fewer pieces, the last is drawn again.
         boundary[now] = pieces[:, np.minimum(np.arange(parts), pieces.shape[1] - 1)]
         clearance[now] = clearance_of(several, time[now], [disc[now] for disc in discs], run.scenario.vehicle.radius)
@@ -148,7 +140,8 @@ def _obstacle(
 def _directions(known: Array, centers: Array, time: Array) -> Array:
     """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
     velocity = np.gradient(centers, known, axis=0)
-    angle = np.where(np.hypot(*velocity.T) < STILL_SPEED, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
+    # m/s: slower motion has no direction.
+    angle = np.where(np.hypot(*velocity.T) < 1e-6, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
     nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
     return nearest
 
@@ -157,7 +150,8 @@ def _driven(run: Run) -> tuple[Array, Array]:
     """Acceleration, m/s2, and curvature, 1/m, of what was driven; no curvature while standing."""
     acceleration = np.gradient(run.speed, run.time)
     turning = np.gradient(np.unwrap(run.heading), run.time)
-    moving = run.speed > CREEPING * run.scenario.vehicle.max_speed
+    # Below that the curvature is a quotient of two differences near 0.
+    moving = run.speed > 0.01 * run.scenario.vehicle.max_speed
     return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)
 
 

@@ -9,13 +9,11 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 
-FAR_CLOCK = 1e4
-"""s. From here on a start time is too long a number to be read off an axis."""
-
 
 def clock_of(time: Array) -> float:
     """Origin for displaying times (n,) s: 0, or the first one on a clock that is far from 0."""
-    return float(time[0]) if abs(time[0]) > FAR_CLOCK else 0.0
+    # From 1e4 s on a start time is too long a number to be read off an axis.
+    return float(time[0]) if abs(time[0]) > 1e4 else 0.0
 
 
 def length_text(metres: float) -> str:
@@ -45,15 +43,12 @@ class Unit:
 METRES = Unit("m", 1.0)
 UNITS = (Unit("km", 1e3), METRES, Unit("mm", 1e-3))
 """From the largest on."""
-LEAST_SHOWN = 2.0
-"""An axis is in the largest unit of which it shows at least this many."""
-FEW_METRES = 0.05
-"""Axes of speeds and the like are in m from here on: 1.5 m/s is easier to read than 1500 mm/s."""
 
 
 def unit_of(span: float) -> Unit:
     """Unit for axes that show a span, m."""
-    return next((unit for unit in UNITS if span >= LEAST_SHOWN * unit.size), UNITS[-1])
+    # The largest unit of which at least two are shown.
+    return next((unit for unit in UNITS if span >= 2.0 * unit.size), UNITS[-1])
 
 
 def unit_of_rate(name: str, most: float) -> Unit:
@@ -62,9 +57,10 @@ def unit_of_rate(name: str, most: float) -> Unit:
     length = 1.0 / most if inverse and most > 0.0 else most
     kilometres, _, millimetres = UNITS
     unit = METRES
-    if length >= LEAST_SHOWN * kilometres.size:
+    if length >= 2.0 * kilometres.size:
         unit = kilometres
-    elif 0.0 < length < FEW_METRES:
+    # 1.5 m/s is easier to read than 1500 mm/s.
+    elif 0.0 < length < 0.05:
         unit = millimetres
     return Unit(name.replace("m", unit.name, 1), 1.0 / unit.size if inverse else unit.size)
 

@@ -14,21 +14,16 @@ if TYPE_CHECKING:
 
     from scp_planner.planning.plan import Plan
 
-SAMPLES = 300
-SIZE = (7.5, 2.6)
-"""inches"""
-DPI = 110
-
 
 def sketch_plan(plan: Plan) -> Figure:
     """Draw where a plan leads, in the colours of its speed, and its speed over time; no obstacles: a plan has none."""
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
-    time = np.linspace(plan.start_time, plan.arrival_time, SAMPLES)
+    time = np.linspace(plan.start_time, plan.arrival_time, 300)
     position, speed = plan.position(time), plan.speed(time)
     with style():
-        figure = Figure(figsize=SIZE, dpi=DPI)
+        figure = Figure(figsize=(7.5, 2.6), dpi=110)
         figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
         places, speeds = figure.subplots(1, 2, width_ratios=[3, 2])
         line = LineCollection(

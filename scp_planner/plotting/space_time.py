@@ -14,6 +14,7 @@ from scp_planner.arrays import Array
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
     COLOURS,
+    DPI,
     GREY,
     INK,
     check_suffix,
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run
     from scp_planner.threat_zones.zone import ThreatZone
 
-PLANS_SHOWN = 12
 GRID = 480
 """Points of the grid in time and in space; regions are drawn to about a pixel."""
 
@@ -97,7 +97,7 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
     grids = _grids(plan, 6.0 * scenario.vehicle.radius)
     regions = _regions(grids, scenario)
     with style():
-        figure = Figure(figsize=(7.5, 6.5), dpi=150, layout="constrained")
+        figure = Figure(figsize=(7.5, 6.5), dpi=DPI, layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         _draw_regions(above, below, grids, regions)
         _draw_vehicle(above, below, grids)
@@ -141,11 +141,11 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     regions = _known_regions(run, time, points, ahead, far=float(driven[-1]))
     epoch = clock_of(time)
     with style():
-        figure = Figure(figsize=(7.5, 4.8), dpi=150, layout="constrained")
+        figure = Figure(figsize=(7.5, 4.8), dpi=DPI, layout="constrained")
         axes = figure.subplots()
         for number, (_, values) in reversed(list(enumerate(regions))):
             _draw_region(axes, time - epoch, stations, values, number)
-        for number in np.unique(np.linspace(0, len(run.plans) - 1, PLANS_SHOWN).astype(int)):
+        for number in np.unique(np.linspace(0, len(run.plans) - 1, 12).astype(int)):
             plan, now = run.plans[number], run.records[number].time
             later = np.linspace(now, max(now, plan.arrival_time), GRID)
             ahead = plan.trip.at(later)[0].distance

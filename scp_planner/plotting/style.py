@@ -27,6 +27,7 @@ INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
 FORBIDDEN, SLOW, SLOW_TEXT = "#DCDCDC", "#E8C547", "#6B5500"
 """Colours of ground: forbidden to the vehicle, or with a low speed limit."""
 DOTTED = (0, (1, 1.2))
+DPI = 150
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9.0,

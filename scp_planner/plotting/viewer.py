@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
     from scp_planner.scenario.models import Scenario
 
-SAMPLE_INTERVAL = 0.05
-"""s. The viewer draws straight lines between samples: at 2 m/s2 they are off by 1 mm at most."""
 FEWEST_SAMPLES, MOST_SAMPLES = 100, 800
 
 
@@ -46,7 +44,8 @@ def save_viewer(plan: Plan, scenario: Scenario, path: str | PathLike[str], *, tr
     ValueError
         If the suffix is another one, or `truth` names an unknown obstacle.
     """
-    samples = int(np.clip(math.ceil(plan.travel_time / SAMPLE_INTERVAL), FEWEST_SAMPLES, MOST_SAMPLES))
+    # A sample each 0.05 s.
+    samples = int(np.clip(math.ceil(plan.travel_time / 0.05), FEWEST_SAMPLES, MOST_SAMPLES))
     save_recording(record_plan(plan, scenario, samples + 1, truth), path)
 
 

@@ -13,21 +13,12 @@ from scp_planner.errors import MISSING
 from scp_planner.mathematics import corridor, planar
 from scp_planner.scenario.obstacle_checks import headings_turn_slowly, one_position_a_time, times_increase
 from scp_planner.scenario.scale import units_of
+from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.validation import Objection, Unknown
 
 SCHEMA_VERSION = 1
 
-SAME_TIME = 1e-9
-"""Parts of the step from one time to the next by which a time may be later than it may be."""
-CLOCK_DIGITS = 4.0
-"""Units in the last place by which it may, too."""
 logger = logging.getLogger(__name__)
-
-LIKELY_DEGREES = 4.0 * math.pi
-"""rad; headings beyond this are told of."""
-
-SAME_PLACE = 1e-9
-"""Relative to the coordinates: two points nearer than this are one point."""
 
 
 AXES = ("x", "y")
@@ -69,7 +60,7 @@ def start_acceleration_is_allowed(scenario: Any) -> Iterator[Objection]:
 
 def heading_is_in_radians(end: Any) -> Iterator[Objection]:
     """A heading of several turns is a legal one, but hardly meant: say so."""
-    if end.heading is not None and abs(end.heading) > LIKELY_DEGREES:
+    if end.heading is not None and abs(end.heading) > 4.0 * math.pi:
         logger.warning(
             "heading = %g rad is more than two turns, and almost certainly degrees; %g degrees are %.4f rad",
             end.heading,
@@ -304,7 +295,7 @@ def observations_are_past(scenario: Any) -> Iterator[Objection]:
 def _rounding_of(times: Any) -> float:
     """Give by how much times may miss what was meant, s: sums of steps do, by the clock's digits or by theirs."""
     step = min((after - before for before, after in itertools.pairwise(times) if after > before), default=0.0)
-    return SAME_TIME * step + CLOCK_DIGITS * max((math.ulp(time) for time in (*times[:1], *times[-1:])), default=0.0)
+    return SAME_PLACE * step + 4.0 * max((math.ulp(time) for time in (*times[:1], *times[-1:])), default=0.0)
 
 
 def polygon_is_simple(shape: Any) -> Iterator[Objection]:

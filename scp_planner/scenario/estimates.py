@@ -8,12 +8,9 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from scp_planner.scenario.obstacle_checks import SYMMETRY
+from scp_planner.scenario.tolerances import INDEPENDENT, SYMMETRY
 from scp_planner.scenario.validation import Objection, Part, Rule
 from scp_planner.scenario.values import Number, Rate, RateNumber, Vector
-
-DEFINITE = 1e-9
-"""Least pivot of a correlation matrix: less is singular to rounding."""
 
 
 def _covariance_is_of_the_state(estimate: Any) -> Iterator[Objection]:
@@ -49,7 +46,7 @@ def _is_definite(matrix: Any, scale: list[float]) -> bool:
         for j in range(i):
             own[j] = (own[j] - sum(own[k] * factor[j][k] for k in range(j))) / factor[j][j]
         left = own[i] - sum(value * value for value in own[:i])
-        if not left > DEFINITE:
+        if not left > INDEPENDENT:
             return False
         own[i] = math.sqrt(left)
         factor.append(own)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from scp_planner.mathematics import planar
-from scp_planner.scenario.checks import SAME_PLACE, ahead_of, polygon_faults, same_place, speed_is_within
+from scp_planner.scenario.checks import ahead_of, polygon_faults, same_place, speed_is_within
+from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.validation import Objection
 
 

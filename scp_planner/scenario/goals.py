@@ -8,16 +8,13 @@ from typing import Any
 
 from scp_planner.mathematics import planar
 
-INWARDS = 1e-3
-"""Part of the way from the nearest point of a region to its middle, by which the aim lies inside."""
-
 
 def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
     """Return a point just inside a region, where it is nearest to a point."""
     part = min(convex_parts(region), key=lambda one: planar.distance_to_polygon(point, one))
     nearest = min((_nearest_on(point, a, b) for a, b in planar.edges(part)), key=lambda spot: math.dist(point, spot))
     middle = planar.centroid(part)
-    return (nearest[0] + INWARDS * (middle[0] - nearest[0]), nearest[1] + INWARDS * (middle[1] - nearest[1]))
+    return (nearest[0] + 1e-3 * (middle[0] - nearest[0]), nearest[1] + 1e-3 * (middle[1] - nearest[1]))
 
 
 def with_aim(data: Any) -> Any:

@@ -32,7 +32,6 @@ from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
 from scp_planner.scenario.validation import Part, Row, Rule, faults_of
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, Rate, RateNumber, Text, Vector
 
-CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
 """In a file."""
 
@@ -325,7 +324,7 @@ def _sampled(guide: Any) -> Any:
     """Points of a guide that is given as a curve, a callable of [0, 1] that returns [x, y] in m; others as they are."""
     if not callable(guide):
         return guide
-    return tuple(tuple(float(value) for value in guide(k / CURVE_SIDES)) for k in range(CURVE_SIDES + 1))
+    return tuple(tuple(float(value) for value in guide(k / 40)) for k in range(41))
 
 
 class Scenario(Part):

@@ -13,9 +13,6 @@ from scp_planner.scenario import obstacle_checks
 from scp_planner.scenario.validation import Objection, Part, Row, Rule, variant
 from scp_planner.scenario.values import Matrix, Number, Rate, Vector
 
-WEIGHTS_ROUNDING = 1e-6
-"""By so much the weights of futures may miss 1, as those of a predictor that computes in single precision do."""
-
 
 def _covariance_case(data: Any) -> str:
     """Tell one matrix from a list of matrices by what stands two brackets deep."""
@@ -112,7 +109,7 @@ class Future(Part):
 def _weights_add_up(futures: Any) -> Iterator[Objection]:
     """The weights of all futures are a probability of 1."""
     total = math.fsum(future.weight for future in futures.futures)
-    if abs(total - 1.0) > WEIGHTS_ROUNDING:
+    if abs(total - 1.0) > 1e-6:
         yield Objection(("futures",), total, f"the weights must add up to 1; they add up to {total:.9g}")
 
 
@@ -126,7 +123,7 @@ class Futures(Part):
     rules: ClassVar[tuple[Rule, ...]] = (_weights_add_up,)
 
     futures: Annotated[Row[Future], Field(min_length=1)] = Field(
-        description=f"[{{weight, motion}}, ...]; the weights add up to 1, to {WEIGHTS_ROUNDING:g}"
+        description="[{weight, motion}, ...]; the weights add up to 1, to 1e-06"
     )
 
 

@@ -8,14 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
+from scp_planner.scenario.tolerances import DEFINITE, SYMMETRY
 from scp_planner.scenario.validation import Objection
 
-MOST_TURN = 3.0
-"""rad from one heading of a course to the next: half a turn could be to either side."""
-SYMMETRY = 1e-3
-"""Rounding: relative difference of a covariance's two off-diagonal entries."""
-DEFINITE = 1e-12
-"""Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
+MOST_TURNED = 3.0  # rad from one heading of a course to the next: half a turn could be to either side
 
 WHEREABOUTS = ("motion", "observations", "estimate")
 """Fields of which an obstacle has exactly one."""
@@ -104,9 +100,9 @@ def headings_turn_slowly(course: Any) -> Iterator[Objection]:
         text = f"must have as many entries as time, {len(course.time)}, not {len(course.heading)}"
         yield Objection(("heading",), course.heading, text)
     for i, (before, after) in enumerate(itertools.pairwise(course.heading), start=1):
-        if abs(math.remainder(after - before, 2.0 * math.pi)) >= MOST_TURN:
+        if abs(math.remainder(after - before, 2.0 * math.pi)) >= MOST_TURNED:
             yield Objection(
-                ("heading", i), after, f"must be less than {MOST_TURN:g} rad from the one before it, {before:g}"
+                ("heading", i), after, f"must be less than {MOST_TURNED:g} rad from the one before it, {before:g}"
             )
 
 

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
+from scp_planner.scenario.tolerances import SAME_FOOT, SAME_PLACE
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
-
-SAME_FOOT = 1e-6  # of the line's length; nearest points before and after a border that are one
-ON_BORDER = 1e-9  # of the line's length; what is this near to a border is on it: rounding does not tell more
 
 
 class Line:
@@ -121,7 +119,7 @@ def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
     limit = np.full(len(positions), np.inf)
     stations = {line: line.nearest(positions) for line in {part.line: None for part in parts}}
     for part in parts:
-        station, near = stations[part.line], ON_BORDER * part.line.length
+        station, near = stations[part.line], SAME_PLACE * part.line.length
         within = (station >= part.first - near) & (station <= part.last + near)
         np.minimum(limit, part.speed, out=limit, where=within)
     return limit

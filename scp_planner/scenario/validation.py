@@ -41,7 +41,6 @@ else:
 
 Location = tuple[int | str, ...]
 
-FEW = 4  # values of a row that are all shown
 _FAULT = "fault"  # the error type of what is already in our own words
 
 
@@ -147,7 +146,7 @@ class Part(BaseModel):
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         for name, value in super().__repr_args__():
-            yield name, _Many(value) if isinstance(value, tuple) and len(value) > FEW else value
+            yield name, _Many(value) if isinstance(value, tuple) and len(value) > 4 else value
 
     # pydantic calls an overridden __init__ for nested dictionaries too, and would lose the paths of their
     # faults. This mark, which its own RootModel carries, says that the override only passes on.

@@ -9,15 +9,13 @@ from pydantic import Field
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.scenario.validation import Pair, Row
 
-LARGEST_RATE = 1e30
-"""m/s or m/s2. Squares and cubes of what is beyond it come near to the largest double."""
-
 Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
 Vector = tuple[Number, Number]
-RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
+# Squares and cubes of what is beyond it come near to the largest double.
+RateNumber = Annotated[float, Field(strict=True, ge=-1e30, le=1e30)]
 Rate = tuple[RateNumber, RateNumber]
 Matrix = Pair[Pair[Number]]
 Polygon = Annotated[Row[Vector], Field(min_length=3)]

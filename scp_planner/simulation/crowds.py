@@ -17,34 +17,51 @@ from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, Rest
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import SimulationSettings
 
-STEP = 0.25  # s
-ROBOT_RADIUS = 0.3  # m
-TOP_SPEED = 1.0  # m/s
-ACCELERATION = TOP_SPEED / STEP
-"""m/s2. The protocols' robot may change its velocity at once; this one takes a step to its top speed."""
-CIRCLE = 4.0  # m
-SQUARE = 10.0  # m, its side
-GAP = 0.2  # m, at least between the places and goals of people at the start
-JITTER = 1.0  # m, side of the square round a point of the circle in which somebody starts
-ARENA = 6.0  # m, half of its side
-ARENA_CIRCLE = ARENA * math.sqrt(2.0)
-ARENA_GAP = 0.25  # m
-ARENA_TRIP = 8.0  # m, the shortest
-ARENA_PADDING = 0.16  # m
-FORGET_STEPS = 6
-"""Steps after which somebody who is not seen has gone."""
-LEVEL = 0.7
-"""At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment."""
+
+@dataclass(frozen=True)
+class Protocol:
+    """Sizes of the published crowds, and how the planner drives among them."""
+
+    step: float = 0.25  # s
+    robot_radius: float = 0.3  # m
+    top_speed: float = 1.0  # m/s
+    circle: float = 4.0  # m, radius
+    square: float = 10.0  # m, side
+    gap: float = 0.2  # m, at least between the places and goals of people at the start
+    jitter: float = 1.0  # m, side of the square round a point of the circle in which somebody starts
+    arena: float = 6.0  # m, half of its side
+    arena_gap: float = 0.25  # m
+    arena_trip: float = 8.0  # m, the shortest
+    arena_padding: float = 0.16  # m
+    arena_radii: tuple[float, float] = (0.3, 0.5)  # m
+    arena_speeds: tuple[float, float] = (0.5, 1.5)  # m/s
+    most_draws: int = 100_000  # Of places for a crowd, before the scene counts as full
+    forget_steps: int = 6  # Steps after which somebody who is not seen has gone
+    # At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment.
+    level: float = 0.7
+    # Times in which the vehicle drives its own width, for which a stop stays clear: who stands can go away in time...
+    stay_clear: float = 0.5
+    # ...and no less than this share of the time to its top speed, since it has to get under way for that.
+    starting: float = 2.0 / 3.0
+
+    @property
+    def acceleration(self) -> float:
+        """m/s2. The protocols' robot may change its velocity at once; this one takes a step to its top speed."""
+        return self.top_speed / self.step
+
+    @property
+    def arena_circle(self) -> float:
+        """Radius of the circle round the arena, m."""
+        return self.arena * math.sqrt(2.0)
+
+
+CROWDS = Protocol()
+
 WALKER = Model(
     order=1,
     process=ProcessModel(process=RandomWalkVelocity(diffusion=0.001), velocity_deviation=1.0, noise_deviation=0.001),
 )
 """Motion model of people who avoid each other: nearly straight, with changes of velocity."""
-STAY_CLEAR = 0.5
-"""Times in which the vehicle drives its own width, for which a stop stays clear: who stands can go away in time..."""
-STARTING = 2.0 / 3.0
-"""...and no less than this share of the time to its top speed, since it has to get under way for that."""
-ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
 
 
 @dataclass(frozen=True)
@@ -80,11 +97,13 @@ def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
     """Settings of the planner among people who are seen well and turn at any moment."""
     return OnlineSettings(
         give_way=GiveWay.EARLY,
-        stay_clear=max(STAY_CLEAR * 2.0 * vehicle.radius, STARTING * vehicle.max_speed**2 / vehicle.max_acceleration)
+        stay_clear=max(
+            CROWDS.stay_clear * 2.0 * vehicle.radius, CROWDS.starting * vehicle.max_speed**2 / vehicle.max_acceleration
+        )
         / vehicle.max_speed,
         gate_probability=0.0,
         alarm_probability=0.0,
-        forget_after=FORGET_STEPS * step,
+        forget_after=CROWDS.forget_steps * step,
         regions=Regions.MODEL,
     )
 
@@ -94,7 +113,7 @@ def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
     rng = np.random.default_rng([seed, 0])
 
     def draw(_: int) -> tuple[Array, Array]:
-        start = _on_circle(rng, CIRCLE) + JITTER * rng.uniform(-0.5, 0.5, 2)
+        start = _on_circle(rng, CROWDS.circle) + CROWDS.jitter * rng.uniform(-0.5, 0.5, 2)
         return start, -start
 
     return _crossing(f"circle-{people}-{seed}", draw, people, sees_vehicle)
@@ -106,7 +125,7 @@ def square_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
 
     def draw(_: int) -> tuple[Array, Array]:
         side = -1.0 if rng.random() < 0.5 else 1.0
-        (x0, y0), (x1, y1) = rng.uniform([0.0, -0.5], [0.5, 0.5], (2, 2)) * SQUARE
+        (x0, y0), (x1, y1) = rng.uniform([0.0, -0.5], [0.5, 0.5], (2, 2)) * CROWDS.square
         return np.array([side * x0, y0]), np.array([-side * x1, y1])
 
     return _crossing(f"square-{people}-{seed}", draw, people, sees_vehicle)
@@ -116,47 +135,43 @@ def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> E
     """Restless people in an arena of 12 m, and a robot that sees 5 m far and drives at least 8 m."""
     rng = np.random.default_rng([seed, 2])
     while True:
-        start, goal = rng.uniform(-ARENA, ARENA, (2, 2))
-        if np.hypot(*(goal - start)) >= ARENA_TRIP:
+        start, goal = rng.uniform(-CROWDS.arena, CROWDS.arena, (2, 2))
+        if np.hypot(*(goal - start)) >= CROWDS.arena_trip:
             break
-    radii, speeds = rng.uniform(*ARENA_RADII, people), rng.uniform(*ARENA_SPEEDS, people)
+    radii, speeds = rng.uniform(*CROWDS.arena_radii, people), rng.uniform(*CROWDS.arena_speeds, people)
 
     def draw(k: int) -> tuple[Array, Array]:
-        place = _on_circle(rng, ARENA_CIRCLE) + speeds[k] * rng.uniform(-0.5, 0.5, 2)
+        place = _on_circle(rng, CROWDS.arena_circle) + speeds[k] * rng.uniform(-0.5, 0.5, 2)
         return place, -place
 
-    places, goals = _placed(draw, radii, (start, goal), ARENA_GAP)
+    places, goals = _placed(draw, radii, (start, goal), CROWDS.arena_gap)
     crowd = RestlessPeople(
         places,
         goals,
         speeds,
         radii,
-        Manner(STEP, neighbours=people, padding=ARENA_PADDING),
+        Manner(CROWDS.step, neighbours=people, padding=CROWDS.arena_padding),
         sees_vehicle,
-        restlessness=Restlessness(ARENA_CIRCLE),
+        restlessness=Restlessness(CROWDS.arena_circle),
         seed=seed,
     )
     scenario = _task(f"arena-{people}-{seed}", start, goal)
-    return Episode(scenario, crowd, _shapes(crowd), STEP, time_limit=50.0, view=5.0)
+    return Episode(scenario, crowd, _shapes(crowd), CROWDS.step, time_limit=50.0, view=5.0)
 
 
 def _crossing(name: str, draw: Callable[[int], tuple[Array, Array]], people: int, sees_vehicle: bool) -> Episode:
-    start, goal = np.array([0.0, -CIRCLE]), np.array([0.0, CIRCLE])
+    start, goal = np.array([0.0, -CROWDS.circle]), np.array([0.0, CROWDS.circle])
     radii = np.full(people, 0.3)
-    places, goals = _placed(draw, radii, (start, goal), GAP)
-    crowd = OrcaPeople(places, goals, TOP_SPEED, radii, Manner(STEP), sees_vehicle)
-    return Episode(_task(name, start, goal), crowd, _shapes(crowd), STEP, time_limit=25.0, view=math.inf)
-
-
-MOST_DRAWS = 100_000
-"""Draws of places for a crowd, before the scene counts as full."""
+    places, goals = _placed(draw, radii, (start, goal), CROWDS.gap)
+    crowd = OrcaPeople(places, goals, CROWDS.top_speed, radii, Manner(CROWDS.step), sees_vehicle)
+    return Episode(_task(name, start, goal), crowd, _shapes(crowd), CROWDS.step, time_limit=25.0, view=math.inf)
 
 
 def _placed(
     draw: Callable[[int], tuple[Array, Array]], radii: Array, robot: tuple[Array, Array], gap: float
 ) -> tuple[Array, Array]:
     """Draw starts and goals, each (K, 2) m, that are apart from those drawn before and from the robot's."""
-    starts, goals, sizes = [robot[0]], [robot[1]], [ROBOT_RADIUS]
+    starts, goals, sizes = [robot[0]], [robot[1]], [CROWDS.robot_radius]
     draws = 0
     while len(starts) <= len(radii):
         k = len(starts) - 1
@@ -169,7 +184,7 @@ def _placed(
             goals.append(goal)
             sizes.append(float(radii[k]))
         draws += 1
-        if draws > MOST_DRAWS:
+        if draws > CROWDS.most_draws:
             raise ValueError(f"people: there is no room for {len(radii)}")
     return np.array(starts[1:]).reshape(-1, 2), np.array(goals[1:]).reshape(-1, 2)
 
@@ -183,15 +198,15 @@ def _task(name: str, start: Array, goal: Array) -> Scenario:
     return Scenario(
         name=name,
         vehicle=Vehicle(
-            radius=ROBOT_RADIUS,
-            max_speed=TOP_SPEED,
-            max_acceleration=ACCELERATION,
-            max_deceleration=ACCELERATION,
+            radius=CROWDS.robot_radius,
+            max_speed=CROWDS.top_speed,
+            max_acceleration=CROWDS.acceleration,
+            max_deceleration=CROWDS.acceleration,
             steering=Steering.ANY,
         ),
         start=Start(time=0.0, position=(float(start[0]), float(start[1])), speed=0.0),
-        goal=Goal(position=(float(goal[0]), float(goal[1])), radius=ROBOT_RADIUS),
-        confidence=Confidence(probability=LEVEL, level="per_time"),
+        goal=Goal(position=(float(goal[0]), float(goal[1])), radius=CROWDS.robot_radius),
+        confidence=Confidence(probability=CROWDS.level, level="per_time"),
     )
 
 

@@ -22,16 +22,8 @@ from scp_planner.simulation.run import STRANGER, Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
 from scp_planner.simulation.setup import Follower, SimulationSettings
 from scp_planner.simulation.stage import Stage
+from scp_planner.simulation.tolerances import INSTANT, NO_TIME, NOWHERE, TIME_DECIMALS
 from scp_planner.simulation.worlds import Script, World
-
-STEPS = 5  # of the simulation in one cycle
-WAY_BACK_TIME = 0.5
-"""Units of time in which a vehicle that is off its plan gets most of the way back."""
-NO_TIME, NO_TIME_AT_ALL = 1e-6, 1e-9
-"""Units of time."""
-DECIMALS = 9  # of a unit of time, that tell the times of steps and looks apart
-NOWHERE = 1e-12
-"""Units of length."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +110,7 @@ class Drive:
         """Let time pass without driving; return what is heard of by its end, in order of arrival."""
         clock = self.stage.clock
         times = np.unique(
-            np.concatenate(
-                [*(s.looks(clock - NO_TIME_AT_ALL * self.units.time, until, until) for s in self.sensors), [until]]
-            )
+            np.concatenate([*(s.looks(clock - NO_TIME * self.units.time, until, until) for s in self.sensors), [until]])
         )
         for time in np.maximum(times, clock):
             self.stage.move_world(float(time))
@@ -128,14 +118,14 @@ class Drive:
         return self._heard(until)
 
     def _look(self, time: float) -> None:
-        start, instant = self.scenario.start.time, NO_TIME * self.units.time
+        start, instant = self.scenario.start.time, INSTANT * self.units.time
         least, stage = LEAST_NOISE * self.units.length, self.stage
         for sensor, rng in zip(self.sensors, self.noise_rngs, strict=True):
             if len(sensor.looks(time - instant, time + instant, start)):
                 self.pending.extend(sensor.look(time, stage.position, stage.heading, stage.centers, rng, least))
 
     def _heard(self, time: float) -> list[Observation]:
-        time += NO_TIME_AT_ALL * self.units.time
+        time += NO_TIME * self.units.time
         heard = sorted((one for one in self.pending if one.arrival <= time), key=lambda one: (one.arrival, one.time))
         self.pending = deque(one for one in self.pending if one.arrival > time)
         return heard
@@ -169,7 +159,7 @@ class Drive:
         heard: list[Observation] = []
         stage.move_world(now)
         stage.write_down(now)
-        while not arrived and now < start + time_limit - NO_TIME_AT_ALL * self.units.time:
+        while not arrived and now < start + time_limit - NO_TIME * self.units.time:
             began = perf_counter()
             plan = self.planner.replan(now, stage.position, stage.heading, stage.speed, deadline=self.chosen.deadline)
             before = self._before(now, heard, perf_counter() - began)
@@ -190,13 +180,13 @@ class Drive:
         switch = now + self.follower.reaction_time if self.driven is not None else now
         drift = self._drift(self.follower.largest_error(self.driven or plan, now))
         unit, start = self.units.time, self.scenario.start.time
-        little = NO_TIME_AT_ALL * unit
+        little = NO_TIME * unit
         looks = [sensor.looks(now + little, following, start) for sensor in self.sensors]
-        steps = np.concatenate([np.linspace(now, following, STEPS + 1)[1:], *looks])
+        steps = np.concatenate([np.linspace(now, following, 6)[1:], *looks])
         smooth = self.scenario.vehicle.max_jerk is not None
         if smooth and now < switch < following:
             steps = np.append(steps, switch)
-        times = np.unique(np.round(steps / unit, DECIMALS)) * unit
+        times = np.unique(np.round(steps / unit, TIME_DECIMALS)) * unit
         for time in times:
             before = self.stage.times[-1]
             # Without jumps a plan begins just when it is followed; else it is taken up in the step in which it is.
@@ -225,7 +215,7 @@ class Drive:
 
     def _move(self, plan: OnlinePlan, time: float, dt: float, drift: Array) -> None:
         if np.any(self.offset) or np.any(drift):
-            self.offset = (self.offset + drift * dt) * math.exp(-dt / (WAY_BACK_TIME * self.units.time))
+            self.offset = (self.offset + drift * dt) * math.exp(-dt / (0.5 * self.units.time))
             size, most = float(np.hypot(*self.offset)), self.follower.largest_error(plan, time)
             if size > most > 0.0:
                 self.offset *= most / size
@@ -241,7 +231,7 @@ class Drive:
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
         if plan.outcome in AWAY:
             return self.stage.speed <= STOPS.standing * self.units.speed and self.planner.at_goal(self.stage.position)
-        return plan.arrival_time <= time + NO_TIME * self.units.time
+        return plan.arrival_time <= time + INSTANT * self.units.time
 
     # what is written down
 

@@ -20,13 +20,7 @@ EPISODES: Mapping[str, Callable[[int, int, bool], Episode]] = MappingProxyType(
     {"circle": circle_crossing, "square": square_crossing, "arena": restless_arena}
 )
 WON, TOUCHED = 1.0, -0.25
-"""Rewards, as CrowdNav gives them."""
-DISCOMFORT = 0.2  # m
-DISCOMFORT_COST = 0.5  # of a metre and a second within it
-MOST_SEEDS = 2**31
-FAR = 1e3
-"""m, or m/s: nothing that is observed is beyond it."""
-WIDTH = 5  # numbers of a person: relative position, velocity, radius
+"""Rewards, as CrowdNav gives them; less than 0.2 m from somebody costs 0.5 for each m and s."""
 
 Observation = dict[str, NDArray[Any]]
 
@@ -47,8 +41,8 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.action_space = Box(-top, top, (2,), np.float32)
         self.observation_space: Dict = Dict(  # type: ignore[assignment]  # of arrays, which its stubs do not say
             {
-                "robot": Box(-FAR, FAR, (7,), np.float32),
-                "people": Box(-FAR, FAR, (people, WIDTH), np.float32),
+                "robot": Box(-1e3, 1e3, (7,), np.float32),
+                "people": Box(-1e3, 1e3, (people, 5), np.float32),  # relative position, velocity, radius
                 "seen": MultiBinary(people),
             }
         )
@@ -61,7 +55,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin another episode."""
         super().reset(seed=seed)
-        number = int(self.np_random.integers(MOST_SEEDS)) if seed is None else seed
+        number = int(self.np_random.integers(2**31)) if seed is None else seed
         self.episode = self.make(number, self.count, self.sees_vehicle)
         scenario = self.episode.scenario
         self.stage = Stage(scenario, self.episode.people, self.episode.shapes, scenario.start.time)
@@ -90,7 +84,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         touched = clearance < 0.0
         arrived = info["arrived"] = info["arrived"] and not touched
         late = info["time"] >= self.episode.time_limit - 0.5 * step
-        reward = TOUCHED if touched else WON if arrived else -DISCOMFORT_COST * step * max(DISCOMFORT - clearance, 0.0)
+        reward = TOUCHED if touched else WON if arrived else -0.5 * step * max(0.2 - clearance, 0.0)
         return self._observed(), reward, touched or arrived, late and not (touched or arrived), info
 
     def _observed(self) -> Observation:

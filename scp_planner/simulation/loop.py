@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Unpack
 
 from scp_planner.scenario.models import Scenario
@@ -15,16 +15,22 @@ from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings, check_choices, world_of
 
-NOISE = 0.1
-"""Units of length of the scene."""
-RATE = 10.0
-"""In a unit of time."""
-HISTORY = 10.0
-"""Units of time of observations before the start: what a sensor has seen when the vehicle sets off."""
-TIME_LIMIT = 60.0
-"""Units of time after which a run ends, or four times the trip without obstacles if that is longer."""
-FORGET_AFTER = 2.0
-"""Units of time after which an obstacle that is not seen has gone, unless other settings are given."""
+
+@dataclass(frozen=True)
+class LoopDefaults:
+    """Defaults of a closed loop, in the scene's units."""
+
+    noise: float = 0.1  # Units of length of the scene
+    rate: float = 10.0  # In a unit of time
+    # Units of time of observations before the start: what a sensor has seen when the vehicle sets off
+    history: float = 10.0
+    # Units of time after which a run ends, or four times the trip without obstacles if that is longer
+    time_limit: float = 60.0
+    # Units of time after which an obstacle that is not seen has gone, unless other settings are given
+    forget_after: float = 2.0
+
+
+DEFAULTS = LoopDefaults()
 
 
 def simulate(
@@ -71,15 +77,15 @@ def simulate(
     """
     chosen = replace(setup or SimulationSettings(), **choices)
     units = NaturalUnits.of(scenario)
-    noise = NOISE * units.length if noise is None else noise
-    rate = RATE / units.time if rate is None else rate
-    history = HISTORY * units.time if chosen.history is None else chosen.history
+    noise = DEFAULTS.noise * units.length if noise is None else noise
+    rate = DEFAULTS.rate / units.time if rate is None else rate
+    history = DEFAULTS.history * units.time if chosen.history is None else chosen.history
     check_choices(noise, rate, history, seed)
     follower = chosen.follower or Follower()
     online = chosen.online or OnlineSettings(
         tracking_error=follower.tracking_error,
         reaction_time=follower.reaction_time,
-        forget_after=FORGET_AFTER * units.time,
+        forget_after=DEFAULTS.forget_after * units.time,
     )
     drive = Drive(
         scenario,
@@ -94,5 +100,5 @@ def simulate(
     time_limit = chosen.time_limit
     if time_limit is None:
         trip = math.dist(scenario.start.position, scenario.goal.position) / scenario.vehicle.max_speed
-        time_limit = max(TIME_LIMIT * units.time, 4.0 * trip)
+        time_limit = max(DEFAULTS.time_limit * units.time, 4.0 * trip)
     return drive.run(time_limit, progress)

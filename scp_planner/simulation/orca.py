@@ -9,11 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from scp_planner.arrays import Array, Index, cross
-
-ROUNDING = 1e-9
-"""Tolerance of velocities, relative to the top speed: rows count as kept up to this."""
-PARALLEL = 1e-12
-"""Sine of the angle below which two lines do not meet."""
+from scp_planner.simulation.tolerances import PARALLEL, ROUNDING
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.simulation.orca import Bodies, HalfPlanes, half_planes, nearest_velocities
+from scp_planner.simulation.tolerances import ROUNDING
 from scp_planner.simulation.worlds import VehicleState
-
-SLOWING = 1.0
-"""s. From this time to the goal on, people slow down."""
-INSTANT = 1e-9
-"""Share of a step, that tells the times of decisions apart."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +66,10 @@ class OrcaPeople:
     def step(self, dt: float, vehicle: VehicleState) -> Mapping[str, ArrayLike]:
         """Move on by dt, s, with the vehicle as it is at the beginning; return centres (2,) m by id."""
         while dt > 0.0:
-            if self._left <= INSTANT * self.manner.step:
+            if self._left <= ROUNDING * self.manner.step:
                 self.decide(vehicle)
                 self._left = self.manner.step
-            part = dt if dt < self._left + INSTANT * self.manner.step else self._left
+            part = dt if dt < self._left + ROUNDING * self.manner.step else self._left
             self.positions = self.positions + part * self.velocities
             self._left -= part
             dt -= part
@@ -88,7 +84,7 @@ class OrcaPeople:
         """Straight to the goals, (K, 2) m/s."""
         towards = self.goals - self.positions
         distance = np.hypot(towards[:, 0], towards[:, 1])
-        pace = np.minimum(self.speeds, distance / SLOWING)
+        pace = np.minimum(self.speeds, distance)  # slower from 1 s before a goal on
         return np.asarray(towards * (pace / np.where(distance > 0.0, distance, 1.0))[:, None])
 
     def _rows(self, vehicle: VehicleState) -> HalfPlanes:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PLAN_SAMPLES = 21
 STRANGER = Disc(disc=0.3)
 """Shape of an obstacle that is not in the scenario, by default."""
 
@@ -236,7 +235,7 @@ class Run:
 
 
 def _plan_to_dict(plan: Plan) -> dict[str, Any]:
-    data = plan.to_dict(PLAN_SAMPLES)
+    data = plan.to_dict(samples=21)
     data["wall_time"] = 0.0  # not the same in two runs
     if isinstance(plan, OnlinePlan):
         data["outcome"] = str(plan.outcome)

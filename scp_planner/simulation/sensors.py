@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.simulation.tolerances import ROUNDING
 
 LEAST_NOISE = 1e-4
 """Units of length of the scene. A noise of nothing is told to the planner as this: no covariance may be singular."""
@@ -66,8 +67,8 @@ class Sensor:
 
     def looks(self, after: float, until: float, start: float) -> Array:
         """Times of its looks in (after, until], (n,) s; it looks at ``start`` and every 1 / rate before and after."""
-        first = math.floor((after - start) * self.rate + 1e-9) + 1
-        last = math.floor((until - start) * self.rate + 1e-9)
+        first = math.floor((after - start) * self.rate + ROUNDING) + 1
+        last = math.floor((until - start) * self.rate + ROUNDING)
         return start + np.arange(first, last + 1) / self.rate
 
     def sees(self, position: Array, heading: float, target: Array) -> bool:

@@ -16,10 +16,6 @@ from scp_planner.simulation.worlds import Script, VehicleState, World
 from scp_planner.threat_zones.of_scenario import covering_radius
 from scp_planner.trips.trip import discs_at
 
-CLOSE_BY = 0.5  # units of length; obstacles that are no discs are looked at closely if nearer
-MOVING = 0.01
-"""Units of speed. Contact at a lower speed is contact of a vehicle that stands."""
-
 
 class Stage:
     """A vehicle and what moves round it."""
@@ -68,7 +64,8 @@ class Stage:
     def moving(self) -> Mask:
         """Between which times that were written down the vehicle moved, (n - 1,) booleans."""
         speeds = np.array(self.speeds)
-        return np.asarray(np.maximum(speeds[1:], speeds[:-1]) > MOVING * self.units.speed)
+        # Contact at a lower speed is contact of a vehicle that stands.
+        return np.asarray(np.maximum(speeds[1:], speeds[:-1]) > 0.01 * self.units.speed)
 
     def clearances(self, first: int = 0) -> Array:
         """Least distances to the true obstacles between written times from one on, (n - 1 - first,) m; inf if none."""
@@ -94,7 +91,8 @@ class Stage:
     def _exact(self, shape: Shape, center: Array, own: Array, bound: Array) -> Array:
         """Distances to a shape that is no disc, at the ends of the steps where they matter."""
         distance = bound.copy()
-        near = np.flatnonzero(bound < self.scenario.vehicle.radius + CLOSE_BY * self.units.length)
+        # Farther ones cannot be the nearest that matters.
+        near = np.flatnonzero(bound < self.scenario.vehicle.radius + 0.5 * self.units.length)
         velocity = np.diff(center, axis=0)
         for k in near:
             heading = math.atan2(velocity[k, 1], velocity[k, 0])

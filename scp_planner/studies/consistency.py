@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
@@ -19,16 +17,25 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
-from scp_planner.files import write_text
+from scp_planner.files import write_rows
 from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Replication, Study, ZoneKind, border
 from scp_planner.studies.result_file import ResultFile
 
 RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
-BAND = 0.95  # of the confidence bands of means and slopes
-RESAMPLES = 1000
-FEWEST_SIZES = 2  # of n, that a slope is fitted to
-FEWEST_REPETITIONS = 5  # on the same way, that a mean is taken of
 OTHER_WAY = "other_way"
+
+
+@dataclass(frozen=True)
+class FitParameters:
+    """Confidence bands, and data that a fit needs."""
+
+    band: float = 0.95  # Of the confidence bands of means and slopes
+    resamples: int = 1000
+    fewest_sizes: int = 2  # Of n, that a slope is fitted to
+    fewest_repetitions: int = 5  # On the same way, that a mean is taken of
+
+
+FITS = FitParameters()
 
 
 class Fit(StrEnum):
@@ -219,7 +226,7 @@ class ConsistencyResult:
             for size, mean, resampled in self._same_way(kind, noise, metric)
             if size >= self.settings.fit_from
         }
-        if len(found) < FEWEST_SIZES:
+        if len(found) < FITS.fewest_sizes:
             return None
         means, resampled = zip(*found.values(), strict=True)
         return _slope_of(
@@ -231,19 +238,19 @@ class ConsistencyResult:
         return {size: mean for size, mean, _ in self._same_way(kind, noise, metric)}
 
     def _same_way(self, kind: ZoneKind, noise: float, metric: Metric) -> Iterator[tuple[int, float, Array]]:
-        """Sizes, means, and means of resampled repetitions, (RESAMPLES,)."""
+        """Sizes, means, and means of resampled repetitions, (resamples,)."""
         same = self.values(kind, noise, OTHER_WAY) == 0.0
         random = np.random.default_rng(self.settings.seed)
         for size, values, mine in zip(self.settings.sizes, self.values(kind, noise, metric.name), same, strict=True):
             count = int(mine.sum())
-            if count >= FEWEST_REPETITIONS:
-                chosen = random.integers(count, size=(RESAMPLES, count))
+            if count >= FITS.fewest_repetitions:
+                chosen = random.integers(count, size=(FITS.resamples, count))
                 yield size, float(values[mine].mean()), values[mine][chosen].mean(axis=1)
 
     def _slope(self, kind: ZoneKind, noise: float, metric: Metric, first: int, fit: Fit = Fit.ALL) -> Slope | None:
         sizes = np.array(self.settings.sizes)
         fitted = sizes >= first
-        if fitted.sum() < FEWEST_SIZES:
+        if fitted.sum() < FITS.fewest_sizes:
             return None
         values, resampled = self._resampled(kind, noise, metric.name)
         return _slope_of(kind, noise, metric, fit, sizes[fitted], values.mean(axis=1)[fitted], resampled[:, fitted])
@@ -252,18 +259,24 @@ class ConsistencyResult:
         yield from ((kind, noise) for kind in ZoneKind for noise in self.settings.noises)
 
     def _resampled(self, kind: ZoneKind, noise: float, metric: str) -> tuple[Array, Array]:
-        """Values (sizes, repetitions), and the means of resampled repetitions (RESAMPLES, sizes)."""
+        """Values (sizes, repetitions), and the means of resampled repetitions (resamples, sizes)."""
         values, count = self.values(kind, noise, metric), self.settings.repetitions
         random = np.random.default_rng(self.settings.seed)
-        chosen = random.integers(count, size=(RESAMPLES, len(values), count))
+        chosen = random.integers(count, size=(FITS.resamples, len(values), count))
         return values, np.take_along_axis(values[None], chosen, axis=2).mean(axis=2)
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write means, slopes and the border of the domain as CSV; return the files."""
         written = []
-        for name, rows in ((SUMMARY, self.means), (SLOPES, self.slopes), (BORDER, border())):
+        tables: tuple[tuple[str, Sequence[Any]], ...] = (
+            (SUMMARY, self.means),
+            (SLOPES, self.slopes),
+            (BORDER, border()),
+        )
+        for name, rows in tables:
             path = Path(folder) / name
-            write_text(path, _as_csv(rows))
+            records = [asdict(row) for row in rows]
+            write_rows(path, list(records[0]) if records else [], records)
             written.append(path)
         return written
 
@@ -323,7 +336,7 @@ def _lines(rows: list[list[str]]) -> Iterator[str]:
 
 
 def _band(resampled: Array) -> tuple[Array, Array]:
-    tail = 0.5 * (1.0 - BAND)
+    tail = 0.5 * (1.0 - FITS.band)
     lower, upper = np.quantile(resampled, [tail, 1.0 - tail], axis=0)
     return lower, upper
 
@@ -331,7 +344,7 @@ def _band(resampled: Array) -> tuple[Array, Array]:
 def _slope_of(
     kind: ZoneKind, noise: float, metric: Metric, fit: Fit, sizes: NDArray[Any], means: Array, resampled: Array
 ) -> Slope:
-    """Fit means (sizes,), with a band from those of resampled repetitions (RESAMPLES, sizes)."""
+    """Fit means (sizes,), with a band from those of resampled repetitions (resamples, sizes)."""
     x = np.log10(sizes)
     lower, upper = _band(_fit(x, resampled))
     least, slope = int(sizes.min()), float(_fit(x, means))
@@ -344,12 +357,3 @@ def _fit(x: Array, means: Array) -> Array:
     centered = x - x.mean()
     slopes: Array = y @ centered / float(centered @ centered)
     return slopes
-
-
-def _as_csv(rows: Iterable[Any]) -> str:
-    text = io.StringIO()
-    records = [asdict(row) for row in rows]
-    writer = csv.DictWriter(text, fieldnames=list(records[0]) if records else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    return text.getvalue()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -17,22 +16,26 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import LEVELS, region_scale
 from scp_planner.estimation.estimate import estimate_motion
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
-from scp_planner.files import write_text
+from scp_planner.files import write_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RUNS = 20_000
-COUNTS = (5, 6, 8, 10, 20, 50, 100)
-LEADS = (0.0, 1.0, 5.0)
-"""s after the last observation, at which ``per_time`` is judged."""
-
-_TIME_STEP = 0.1  # s
 _NOISE = np.array([[0.02, 0.009], [0.009, 0.01]])  # m^2, lopsided
-_SPAN_TIMES = 240  # at which "at all times" is judged, evenly spread in angle up to infinity
-_CHUNK = 2_000  # runs at once
-_WILSON = 1.959963984540054  # standard normal quantile of a 95 % interval
-_HEIGHT, _WIDTH, _DPI = 3.4, 3.2, 150
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Observations that coverage is simulated with."""
+
+    leads: tuple[float, ...] = (0.0, 1.0, 5.0)  # s after the last observation, at which ``per_time`` is judged
+    time_step: float = 0.1  # s
+    span_times: int = 240  # At which "at all times" is judged, evenly spread in angle up to infinity
+    chunk: int = 2_000  # Runs at once
+    wilson: float = 1.959963984540054  # Standard normal quantile of a 95 % interval
+
+
+SIMULATED = Simulated()
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,8 @@ class Coverage:
 def measure_coverage(
     *,
     probability: float = 0.95,
-    runs: int = RUNS,
-    counts: Sequence[int] = COUNTS,
+    runs: int = 20_000,
+    counts: Sequence[int] = (5, 6, 8, 10, 20, 50, 100),
     orders: Sequence[int] = (0, 1, 2),
     obstacles: int = 5,
     seed: int = 0,
@@ -83,9 +86,9 @@ def measure_coverage(
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     """Give Wilson's 95 % confidence interval of a probability."""
-    share, z2 = successes / runs, _WILSON**2
+    share, z2 = successes / runs, SIMULATED.wilson**2
     middle = (share + 0.5 * z2 / runs) / (1.0 + z2 / runs)
-    half = _WILSON / (1.0 + z2 / runs) * math.sqrt(share * (1.0 - share) / runs + 0.25 * z2 / runs**2)
+    half = SIMULATED.wilson / (1.0 + z2 / runs) * math.sqrt(share * (1.0 - share) / runs + 0.25 * z2 / runs**2)
     return middle - half, middle + half
 
 
@@ -98,7 +101,7 @@ class _Case:
     obstacles: int
 
     def times(self) -> Array:
-        return np.asarray(np.arange(self.count) * _TIME_STEP, dtype=float)
+        return np.asarray(np.arange(self.count) * SIMULATED.time_step, dtype=float)
 
     def estimate(self, positions: Array) -> PolynomialEstimate:
         return estimate_motion(self.times(), positions, _NOISE if self.known else None, self.order)
@@ -111,16 +114,16 @@ def _measure(case: _Case, runs: int, generator: np.random.Generator) -> Iterator
     scales = {
         level: region_scale(level, case.probability, pattern, obstacles=case.obstacles, start=start) for level in LEVELS
     }
-    inside_at, inside_span = np.zeros(len(LEADS), dtype=int), {"per_obstacle": 0, "joint": 0}
+    inside_at, inside_span = np.zeros(len(SIMULATED.leads), dtype=int), {"per_obstacle": 0, "joint": 0}
     done = 0
     while done < runs:
-        now = min(_CHUNK, runs - done)
+        now = min(SIMULATED.chunk, runs - done)
         shape = (now * case.obstacles, case.count)
         errors = standardised_errors(
             pattern, times, generator.multivariate_normal(np.zeros(2), _NOISE, shape), known=case.known
         )
         first = errors[:: case.obstacles]  # one obstacle of each run, for the levels that are about one
-        for i, lead in enumerate(LEADS):
+        for i, lead in enumerate(SIMULATED.leads):
             inside_at[i] += int(
                 np.count_nonzero(squares_at(pattern, first, np.array([start + lead]))[:, 0] <= scales["per_time"])
             )
@@ -129,7 +132,7 @@ def _measure(case: _Case, runs: int, generator: np.random.Generator) -> Iterator
         of_run = worst.reshape(now, case.obstacles).max(axis=1)
         inside_span["joint"] += int(np.count_nonzero(of_run <= scales["joint"]))
         done += now
-    for lead, inside in zip(LEADS, inside_at.tolist(), strict=True):
+    for lead, inside in zip(SIMULATED.leads, inside_at.tolist(), strict=True):
         yield _coverage(case, "per_time", lead, inside, runs, scales["per_time"])
     for level, inside in inside_span.items():
         yield _coverage(case, level, math.nan, inside, runs, scales[level])
@@ -165,7 +168,7 @@ def _span(pattern: PolynomialEstimate, start: float) -> Array:
     if pattern.order == 0:
         return np.array([start])
     first = math.atan((start - pattern.center_time) / pattern.time_scale)
-    angles = np.linspace(first, 0.5 * math.pi, _SPAN_TIMES)
+    angles = np.linspace(first, 0.5 * math.pi, SIMULATED.span_times)
     times = pattern.center_time + pattern.time_scale * np.tan(angles)
     times[-1] = math.inf
     return times
@@ -191,11 +194,7 @@ def _coverage(case: _Case, level: str, lead: float, inside: int, runs: int, scal
 
 def save_csv(results: Sequence[Coverage], path: str | PathLike[str]) -> None:
     """Write results as CSV, whole or not at all; floats keep every bit."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Coverage)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(result) for result in results)
-    write_text(path, text.getvalue())
+    write_rows(path, [field.name for field in fields(Coverage)], map(asdict, results))
 
 
 def load_csv(path: str | PathLike[str]) -> list[Coverage]:
@@ -225,10 +224,10 @@ def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None 
     """Draw coverage against the number of observations: a column for each level, a row for each covariance."""
     from matplotlib.figure import Figure
 
-    from scp_planner.plotting.style import COLOURS, GREY, save, style
+    from scp_planner.plotting.style import COLOURS, DPI, GREY, save, style
 
     with style():
-        figure = Figure(figsize=(3 * _WIDTH, 2 * _HEIGHT), dpi=_DPI, layout="constrained")
+        figure = Figure(figsize=(9.6, 6.8), dpi=DPI, layout="constrained")
         grid = figure.subplots(2, len(LEVELS), sharex=True, sharey=True)
         for row, covariance in zip(grid, ("known", "estimated"), strict=True):
             for axes, level in zip(row, LEVELS, strict=True):

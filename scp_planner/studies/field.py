@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from hashlib import sha256
+from importlib.resources import as_file, files
 
 import numpy as np
 
@@ -18,28 +19,31 @@ from scp_planner.baseline.priced import soft_excess, uniform
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.motions import Motion
+from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.values import Vector
 from scp_planner.search.starts import starts
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
 
-MAX_TRAVEL_TIME = 12.0  # s; of the trips in the compact set
-LARGEST_OFFSET = 3.0  # m; of the control points in the compact set
-DRAWN_IN = (1.0, 0.3, 0.1)  # towards the minimiser, of the points of the compact set
-SAME = 1e-3  # m and m/s^2; minimisers nearer than this are the same
-MINIMA = 3  # of Q, the best of which are where minimisations of Q_n begin
-CLEARLY = 2e-3  # s; minima of Q_n that are found to be higher by more are not looked at closely
-
-OBSTACLES = (
-    # position m, velocity m/s and acceleration m/s^2 at the start time, radius m
-    ((6.1, -6.2), (0.15, 1.75), (0.0, -0.10), 0.7),
-    ((9.7, 5.9), (-0.1, -1.25), (0.05, -0.02), 0.8),
-    ((18.1, -0.2), (-1.3, -0.25), (-0.05, 0.03), 0.6),
-    ((13.0, -2.7), (0.2, 0.55), (0.02, 0.02), 0.7),
-    ((18.0, -6.8), (-0.2, 1.1), (0.05, 0.1), 0.8),
-)
 PLANNER = SceneSettings(path_degree=4, path_span=2.5, acceleration_degree=1, acceleration_spans=8)
 """Smooth splines with few control points: with kinks in Q the minimiser would not be a smooth function of the data."""
+
+
+@dataclass(frozen=True)
+class FieldParameters:
+    """Sizes of the compact set, and of the search for minimisers."""
+
+    max_travel_time: float = 12.0  # s; of the trips in the compact set
+    largest_offset: float = 3.0  # m; of the control points in the compact set
+    drawn_in: tuple[float, ...] = (1.0, 0.3, 0.1)  # Towards the minimiser, of the points of the compact set
+    same: float = 1e-3  # m and m/s^2; minimisers nearer than this are the same
+    minima: int = 3  # Of Q, the best of which are where minimisations of Q_n begin
+    clearly: float = 2e-3  # s; minima of Q_n that are found to be higher by more are not looked at closely
+
+
+FIELD = FieldParameters()
 
 
 @dataclass(frozen=True)
@@ -67,17 +71,17 @@ class Metric:
 
     name: str
     label: str
-    exponent: float
+    exponent: float = -0.5  # Of n, by the theory
     of_minimiser: bool = True
 
 
 METRICS = (
-    Metric("sup_difference", "sup |Q_n - Q| (s)", -0.5, of_minimiser=False),
-    Metric("offsets", "distance of offsets (m)", -0.5),
-    Metric("accelerations", "distance of accelerations (m/s²)", -0.5),
-    Metric("path", "distance of paths (m)", -0.5),
-    Metric("motion", "distance at the same time (m)", -0.5),
-    Metric("travel_time", "difference of travel times (s)", -0.5),
+    Metric("sup_difference", "sup |Q_n - Q| (s)", of_minimiser=False),
+    Metric("offsets", "distance of offsets (m)"),
+    Metric("accelerations", "distance of accelerations (m/s²)"),
+    Metric("path", "distance of paths (m)"),
+    Metric("motion", "distance at the same time (m)"),
+    Metric("travel_time", "difference of travel times (s)"),
     Metric("excess", "excess Q(ω_n) - Q(ω) (s)", -1.0),
 )
 
@@ -105,7 +109,7 @@ class ConsistencySettings:
     def fingerprint(self) -> str:
         """Settings that results must share to be pooled: all but sizes, noises and repetitions."""
         keys = ("window", "points", "width", "limit_width", "zone_price", "limit_price", "seed")
-        told = json.dumps([*(getattr(self, key) for key in keys), OBSTACLES, asdict(PLANNER)])
+        told = json.dumps([*(getattr(self, key) for key in keys), _obstacles(field_scenario()), asdict(PLANNER)])
         return sha256(told.encode()).hexdigest()[:16]
 
 
@@ -129,29 +133,18 @@ class Record:
 
 def field_scenario() -> Scenario:
     """Return the field that the vehicle crosses, with the true motions."""
-    return Scenario.model_validate(
-        {
-            "name": "field",
-            "vehicle": {
-                "radius": 0.3,
-                "max_speed": 3.0,
-                "max_acceleration": 1.5,
-                "max_deceleration": 2.0,
-                "max_lateral_acceleration": 2.0,
-                "max_curvature": 1.0,
-            },
-            "start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0},
-            "goal": {"position": [20.0, 0.0]},
-            "obstacles": [
-                {
-                    "id": f"obstacle-{number}",
-                    "shape": {"disc": radius},
-                    "motion": {"position": position, "velocity": velocity, "acceleration": acceleration},
-                }
-                for number, (position, velocity, acceleration, radius) in enumerate(OBSTACLES)
-            ],
-        }
-    )
+    with as_file(files(__package__) / "field.yaml") as path:
+        return Scenario.load(path)
+
+
+def _obstacles(scenario: Scenario) -> list[tuple[Vector, Vector, Vector, float]]:
+    """Position m, velocity m/s and acceleration m/s^2 at the start time, and radius m, of each obstacle."""
+    rows = []
+    for obstacle in scenario.obstacles:
+        motion, shape = obstacle.motion, obstacle.shape
+        assert isinstance(motion, Motion) and isinstance(shape, Disc)
+        rows.append((motion.position, motion.velocity, motion.acceleration, shape.disc))
+    return rows
 
 
 class Study:
@@ -201,9 +194,9 @@ class Study:
         found.sort(key=self.truth.value)
         kept: list[Array] = []
         for omega in found:
-            if all(np.abs(omega - other).max() > SAME for other in kept):
+            if all(np.abs(omega - other).max() > FIELD.same for other in kept):
                 kept.append(omega)
-        return kept[:MINIMA]
+        return kept[: FIELD.minima]
 
     @cached_property
     def compact_set(self) -> Array:
@@ -212,15 +205,15 @@ class Study:
 
         objective, limits = self.truth, self.problem.limits
         free = objective.path_size
-        low = np.full(objective.size, -LARGEST_OFFSET)
-        high = np.full(objective.size, LARGEST_OFFSET)
+        low = np.full(objective.size, -FIELD.largest_offset)
+        high = np.full(objective.size, FIELD.largest_offset)
         low[free:], high[free:] = -limits.deceleration, limits.acceleration
         sequence = qmc.Halton(objective.size, scramble=False)
         points: list[Array] = []
         while len(points) < self.settings.points:
             for unit in sequence.random(256):
                 omega = low + unit * (high - low)
-                for share in DRAWN_IN:
+                for share in FIELD.drawn_in:
                     drawn = self.minimiser + share * (omega - self.minimiser)
                     if self.in_domain(drawn):
                         points.append(drawn)
@@ -229,7 +222,7 @@ class Study:
     def in_domain(self, omega: Array) -> bool:
         """True if a trip arrives in time and never reverses."""
         trajectory = self.truth.trajectory(omega)
-        return trajectory.travel_time <= MAX_TRAVEL_TIME and bool(trajectory.speed_control_points().min() >= 0.0)
+        return trajectory.travel_time <= FIELD.max_travel_time and bool(trajectory.speed_control_points().min() >= 0.0)
 
     @cached_property
     def sampled(self) -> tuple[Array, Array, Array]:
@@ -263,7 +256,9 @@ class Study:
         random = np.random.default_rng([settings.seed, round(1e6 * task.noise), task.size, task.repetition])
         times = np.linspace(-settings.window, 0.0, task.size)
         obstacles = []
-        for obstacle, (position, velocity, acceleration, _) in zip(self.scenario.obstacles, OBSTACLES, strict=True):
+        for obstacle, (position, velocity, acceleration, _) in zip(
+            self.scenario.obstacles, _obstacles(self.scenario), strict=True
+        ):
             track = np.asarray(position) + np.outer(times, velocity) + np.outer(0.5 * times**2, acceleration)
             seen = track + task.noise * random.normal(size=track.shape)
             obstacles.append(
@@ -315,16 +310,16 @@ class Study:
         fine = [
             self.minimise(objective, omega)
             for omega, value in zip(rough, values, strict=True)
-            if value < min(values) + CLEARLY
+            if value < min(values) + FIELD.clearly
         ]
         return min(fine, key=objective.value)
 
     def _is_another_way(self, omega: Array) -> bool:
         """True if descent of the true objective leads elsewhere than to its minimiser."""
         rough = self.minimise(self.truth, omega, ROUGH)
-        if np.abs(rough - self.minimiser).max() <= SAME:
+        if np.abs(rough - self.minimiser).max() <= FIELD.same:
             return False
-        return bool(np.abs(self.minimise(self.truth, rough) - self.minimiser).max() > SAME)
+        return bool(np.abs(self.minimise(self.truth, rough) - self.minimiser).max() > FIELD.same)
 
     def _distance_in_time(self, omega: Array) -> float:
         """Largest distance at the same time between a trip and the true minimiser; who has arrived waits."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scp_planner.plotting.style import COLOURS, DOTTED, GREY, save, style
+from scp_planner.plotting.style import COLOURS, DOTTED, DPI, GREY, save, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from scp_planner.studies.consistency import ConsistencyResult
     from scp_planner.studies.field import BorderPoint, Metric, ZoneKind
 
-DPI = 150
 PANEL = (2.7, 2.9)  # inches
 SHOWN = ("sup_difference", "offsets", "motion", "excess")
 FIRST = {"evaluations": 1.0, "seconds": 1e-3}

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 AnyArray = NDArray[Any]
 
-PARAMETERS = 3  # eta0, V and W
-
 
 @dataclass(frozen=True)
 class Substitution:
@@ -60,7 +58,7 @@ def published_estimate(times: ArrayLike, positions: ArrayLike) -> PublishedEstim
     position = (s0 - sums.c1 * velocity - sums.c2 * half_acceleration) / sums.count
     fitted = position + t[:, None] * velocity + (t * t)[:, None] * half_acceleration
     residuals = seen - fitted
-    noise = residuals.T @ residuals / (len(t) - PARAMETERS)
+    noise = residuals.T @ residuals / (len(t) - 3)  # three parameters: eta0, V and W
     return PublishedEstimate(position, velocity, half_acceleration, noise, t)
 
 

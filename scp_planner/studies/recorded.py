@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -17,17 +15,24 @@ from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, Stu
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.estimation.motion_fitting import FIT, fit_motion_model, prediction_errors, stretches_of
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.files import write_text
+from scp_planner.files import write_rows
 from scp_planner.scenario.process_model import ProcessModel, Tails
 
 KINDS = ("random_walk", "mean_reverting")
-WINDOW = 8
 
 _POLYNOMIALS = {"linear": 1, "quadratic": 2}
-_BOTH = 2  # folds
-_SPAN_STEPS = 12  # lead times at which "at all times" is judged
 _NORMAL_TAILS = Tails(degrees_of_freedom=1.0, lead_time=(1.0,), inflation=(1.0,))  # whose degrees are not looked at
-_LEAST_DETERMINANT = 1e-24  # m^4, of a noise covariance: below it people stand as still as numbers can
+
+
+@dataclass(frozen=True)
+class RecordedParameters:
+    window: int = 8
+    both: int = 2  # Folds
+    span_steps: int = 12  # Lead times at which "at all times" is judged
+    least_determinant: float = 1e-24  # m^4, of a noise covariance: below it people stand as still as numbers can
+
+
+RECORDED = RecordedParameters()
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ def measure_recorded_coverage(
     *,
     data: str = "",
     kinds: Sequence[str] = KINDS,
-    window: int = WINDOW,
+    window: int = RECORDED.window,
     lead_times: Sequence[float] = FIT.lead_times,
     probability: float = 0.95,
 ) -> list[RecordedCoverage]:
@@ -76,7 +81,7 @@ def measure_recorded_coverage(
     for case in cases:
         own = [s for s in samples if (s.model, s.level, s.lead_time) == case]
         results += [_measured(data, probability, s.fold, [s]) for s in own]
-        results.append(_measured(data, probability, _BOTH, own))
+        results.append(_measured(data, probability, RECORDED.both, own))
     return results
 
 
@@ -90,7 +95,7 @@ def measure_model(
     probability: float = 0.95,
 ) -> list[RecordedCoverage]:
     """Test a model that has been fitted on the half of the tracks that `Tracks.halves` keeps for it."""
-    window = model.fitted_to.window if model.fitted_to is not None and model.fitted_to.window else WINDOW
+    window = model.fitted_to.window if model.fitted_to is not None and model.fitted_to.window else RECORDED.window
     samples = _of_model(1, name, model, tracks.halves()[1], window, lead_times, probability)
     return [_measured(data, probability, 1, [sample]) for sample in samples]
 
@@ -134,7 +139,7 @@ def _of_model(
             errors.tracks,
         )
     # at all times up to the last lead time at once
-    leads = np.linspace(lead_times[-1] / _SPAN_STEPS, lead_times[-1], _SPAN_STEPS)
+    leads = np.linspace(lead_times[-1] / RECORDED.span_steps, lead_times[-1], RECORDED.span_steps)
     some = next(track for track in tested if len(track) >= window)
     pattern = estimate_process(some.times[:window], some.positions[:window], model)
     length = pattern.standardised_length(pattern.reference_time, pattern.reference_time + float(leads[-1]))
@@ -182,7 +187,7 @@ def _of_polynomial(
             owners,
         )
         determinant = np.linalg.det(noise[which])
-        sure = determinant > _LEAST_DETERMINANT
+        sure = determinant > RECORDED.least_determinant
         growth = np.einsum("mj,mjk,mk->m", at, spread[which], at)[sure]
         squares = np.einsum(
             "ma,ma->m", offsets[sure], np.linalg.solve(noise[which][sure], offsets[sure][..., None])[..., 0]
@@ -222,11 +227,7 @@ def _measured(data: str, probability: float, fold: int, samples: Sequence[_Sampl
 
 def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> None:
     """Write results as CSV, whole or not at all; floats keep every bit."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(RecordedCoverage)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(result) for result in results)
-    write_text(path, text.getvalue())
+    write_rows(path, [field.name for field in fields(RecordedCoverage)], map(asdict, results))
 
 
 def summary(results: Sequence[RecordedCoverage]) -> str:
@@ -238,7 +239,7 @@ def summary(results: Sequence[RecordedCoverage]) -> str:
         cells = []
         for lead in leads:
             own = {r.fold: r for r in results if (r.data, r.model, r.level, r.lead_time) == (data, model, level, lead)}
-            both = own.get(_BOTH, own.get(1))
+            both = own.get(RECORDED.both, own.get(1))
             cells.append(
                 "" if both is None else f"{100 * both.coverage:.1f} +- {100 * both.error:.1f} %, {both.radius:.2f} m"
             )

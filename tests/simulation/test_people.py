@@ -9,20 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scp_planner.simulation.crowds import (
-    ARENA,
-    ARENA_RADII,
-    ARENA_SPEEDS,
-    ARENA_TRIP,
-    CIRCLE,
-    GAP,
-    ROBOT_RADIUS,
-    SQUARE,
-    Episode,
-    circle_crossing,
-    restless_arena,
-    square_crossing,
-)
+from scp_planner.simulation.crowds import CROWDS, Episode, circle_crossing, restless_arena, square_crossing
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 from scp_planner.simulation.worlds import VehicleState, World
 
@@ -100,18 +87,18 @@ def test_restless_people_change_their_goals_and_never_stay() -> None:
 def test_episodes_are_those_of_the_protocols(seed: int) -> None:
     circle, square, arena = circle_crossing(seed), square_crossing(seed, 10), restless_arena(seed)
     assert [len(each.people.positions) for each in (circle, square, arena)] == [5, 10, 20]
-    assert (np.abs(np.linalg.norm(circle.people.positions, axis=1) - CIRCLE) <= math.sqrt(0.5)).all()
+    assert (np.abs(np.linalg.norm(circle.people.positions, axis=1) - CROWDS.circle) <= math.sqrt(0.5)).all()
     assert (circle.people.goals == -circle.people.positions).all()
     assert (square.people.positions[:, 0] * square.people.goals[:, 0] <= 0.0).all()
-    assert (np.abs(square.people.positions) <= 0.5 * SQUARE).all()
-    assert ((arena.people.radii >= ARENA_RADII[0]) & (arena.people.radii <= ARENA_RADII[1])).all()
-    assert ((arena.people.speeds >= ARENA_SPEEDS[0]) & (arena.people.speeds <= ARENA_SPEEDS[1])).all()
+    assert (np.abs(square.people.positions) <= 0.5 * CROWDS.square).all()
+    assert ((arena.people.radii >= CROWDS.arena_radii[0]) & (arena.people.radii <= CROWDS.arena_radii[1])).all()
+    assert ((arena.people.speeds >= CROWDS.arena_speeds[0]) & (arena.people.speeds <= CROWDS.arena_speeds[1])).all()
     for each in (circle, square, arena):
         start, goal = np.array(each.scenario.start.position), np.array(each.scenario.goal.position)
-        free = np.linalg.norm(each.people.positions - start, axis=1) - each.people.radii - ROBOT_RADIUS
-        assert free.min() >= GAP and gaps(each.people).min() >= GAP - 1e-9
-        assert np.hypot(*(goal - start)) >= ARENA_TRIP - 1e-9 and (np.abs([start, goal]) <= ARENA).all()
-        assert each.scenario.goal.radius == ROBOT_RADIUS and not each.people.sees_vehicle
+        free = np.linalg.norm(each.people.positions - start, axis=1) - each.people.radii - CROWDS.robot_radius
+        assert free.min() >= CROWDS.gap and gaps(each.people).min() >= CROWDS.gap - 1e-9
+        assert np.hypot(*(goal - start)) >= CROWDS.arena_trip - 1e-9 and (np.abs([start, goal]) <= CROWDS.arena).all()
+        assert each.scenario.goal.radius == CROWDS.robot_radius and not each.people.sees_vehicle
         assert {name: shape.model_dump() for name, shape in each.shapes.items()} == {
             name: {"disc": radius} for name, radius in zip(each.people.names, each.people.radii, strict=True)
         }

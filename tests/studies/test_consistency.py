@@ -19,8 +19,7 @@ from scp_planner.studies.consistency import (
     run_consistency,
 )
 from scp_planner.studies.field import (
-    LARGEST_OFFSET,
-    MAX_TRAVEL_TIME,
+    FIELD,
     METRICS,
     BorderPoint,
     ConsistencySettings,
@@ -115,7 +114,7 @@ def test_the_minimiser_is_stationary_but_at_the_limits_of_acceleration(study: St
     assert gradient[:free] == pytest.approx(np.zeros(free), abs=1e-5)
     inside = (beta < limits.acceleration) & (beta > -limits.deceleration)
     assert gradient[free:][inside] == pytest.approx(np.zeros(inside.sum()), abs=1e-5)
-    assert np.abs(study.minimiser[:free]).max() < LARGEST_OFFSET
+    assert np.abs(study.minimiser[:free]).max() < FIELD.largest_offset
 
 
 def test_the_second_derivative_at_the_minimiser_is_positive_definite(study: Study) -> None:
@@ -140,12 +139,12 @@ def test_other_local_minima_are_clearly_higher(study: Study) -> None:
 def test_the_compact_set_lies_in_the_box_and_the_domain(study: Study) -> None:
     points, free = study.compact_set, study.truth.path_size
     assert len(points) == TINY.points
-    assert np.abs(points[:, :free]).max() <= LARGEST_OFFSET
+    assert np.abs(points[:, :free]).max() <= FIELD.largest_offset
     assert points[:, free:].max() <= study.problem.limits.acceleration
     assert points[:, free:].min() >= -study.problem.limits.deceleration
     for omega in points:
         trajectory = study.truth.trajectory(omega)
-        assert trajectory.travel_time <= MAX_TRAVEL_TIME
+        assert trajectory.travel_time <= FIELD.max_travel_time
         assert trajectory.speed_control_points().min() >= 0.0
 
 

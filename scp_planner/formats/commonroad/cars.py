@@ -10,12 +10,24 @@ from typing import Any
 
 from scp_planner.scenario.models import Vehicle
 
-RESERVE = 0.01  # of limits, not planned with: constant inputs that join states may lie so much above the plan's
-UNNOTICED = 0.01  # m of the file; the official checker takes places for the same that differ by less than twice as much
-COARSE = 0.5  # of the swerve from one side to the other in one step: a smaller one is asked for
-WEAKER = 0.1  # less power where a trip is planned more softly: for the official checker's search it is another one
 SPEED_RESERVE, SLOWEST = 1.5, 2.0  # a point mass swerves at so many times its speed at the start, and at least so fast
-FEWEST_DISCS = 5  # that cover a car; a trailer is none of it
+
+
+@dataclass(frozen=True)
+class PlannedCar:
+    """Distance of a planned car from what the referee allows."""
+
+    # Of limits, not planned with: constant inputs that join states may lie so much above the plan's
+    reserve: float = 0.01
+    # m of the file; the official checker takes places for the same that differ by less than twice as much
+    unnoticed: float = 0.01
+    coarse: float = 0.5  # Of the swerve from one side to the other in one step: a smaller one is asked for
+    # Less power where a trip is planned more softly: for the official checker's search it is another one
+    weaker: float = 0.1
+    fewest_discs: int = 5  # That cover a car; a trailer is none of it
+
+
+PLANNED = PlannedCar()
 
 
 class VehicleModel(StrEnum):
@@ -87,9 +99,9 @@ def centre_of(car: Car, model: VehicleModel) -> float:
     return car.rear_axle if model is VehicleModel.KS else 0.0
 
 
-def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict[str, Any]:
+def vehicle_of(car: Car, model: VehicleModel, discs: int = PLANNED.fewest_discs) -> dict[str, Any]:
     """Return the vehicle of a scenario that moves as the referee allows."""
-    keep = 1.0 - RESERVE
+    keep = 1.0 - PLANNED.reserve
     vehicle: dict[str, Any] = {
         **_covered(car, centre_of(car, model), discs),
         "centre": centre_of(car, model),
@@ -108,9 +120,9 @@ def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict
 
 def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str, float]:
     """Return what curvature a point mass may have, and how fast it may change."""
-    speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
+    speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * PLANNED.unnoticed / step**3
     rate, hardest = jerk / speed**2, float(vehicle["max_total_acceleration"])
-    if rate >= COARSE * 2.0 * hardest / (step * speed**2):
+    if rate >= PLANNED.coarse * 2.0 * hardest / (step * speed**2):
         return {}
     bend = min(float(vehicle["max_curvature"]), jerk / (2.0 * speed * hardest))
     return {"max_curvature_rate": rate, "max_curvature": bend}
@@ -118,9 +130,9 @@ def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str,
 
 def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str, float]:
     """Return limits of a car whose inputs constant ones follow better, where the checker joins states by these."""
-    jerk = part * 12.0 * 2.0 * UNNOTICED / step**3
+    jerk = part * 12.0 * 2.0 * PLANNED.unnoticed / step**3
     if vehicle.max_power is not None and vehicle.max_curvature_rate is not None:
-        power = (1.0 - WEAKER * (1.5 - part)) * vehicle.max_power
+        power = (1.0 - PLANNED.weaker * (1.5 - part)) * vehicle.max_power
         return {"max_jerk": jerk, "max_power": power, "max_curvature_rate": part * vehicle.max_curvature_rate}
     least = swerving(vehicle.model_dump(), step, speed / SPEED_RESERVE)
     return {"max_jerk": jerk, **{key: part * value for key, value in least.items()}}

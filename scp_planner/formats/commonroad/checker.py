@@ -13,19 +13,16 @@ from scp_planner.arrays import Array
 from scp_planner.formats.commonroad.cars import Car, VehicleModel, centre_of
 from scp_planner.planning.plan import Plan
 
-ON_A_STEP = 0.02  # part of a step by which an arrival may miss one: the plan keeps its arrival to half of that
 STEERING, SPEED, HEADING = 2, 3, 4  # columns of states, behind the place of the rear axle
 SAME = np.array([0.02, 0.02, 0.03])  # m along each axis, and rad: states that differ by less are one
 SAME_POINT = np.full(4, 0.02)  # m and m/s along each axis: states of a point mass that differ by less are one
 OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))  # cost of inputs that cannot be
-LEAST_SPEED = 1e-6  # of the top speed, along its heading, for a point mass that stands: it has no other heading
-NUDGES = 1e-6, -1e-6, 1e-5, -1e-5, 3e-5, -3e-5, 1e-4, -1e-4  # of a steering angle, tried in turn, rad
 
 
 def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
     """Return the states of a plan at the steps of a file."""
     count = round(plan.travel_time / step)
-    if abs(count * step - plan.travel_time) > ON_A_STEP * step:
+    if abs(count * step - plan.travel_time) > 0.02 * step:
         raise ValueError(
             f"plan: must take a multiple of the file's step, {step:g} s; it takes {plan.travel_time:.6g} s"
         )
@@ -45,7 +42,7 @@ def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array |
     for k in range(len(shown) - 1):
         if leads(shown[k], shown[k + 1]):
             continue
-        for nudge in NUDGES if model is not VehicleModel.PM else ():
+        for nudge in (1e-6, -1e-6, 1e-5, -1e-5, 3e-5, -3e-5, 1e-4, -1e-4) if model is not VehicleModel.PM else ():
             tried = shown[k].copy()
             tried[STEERING] += nudge
             if leads(tried, shown[k + 1]) and (k == 0 or leads(shown[k - 1], tried)):
@@ -58,7 +55,7 @@ def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array |
 
 def velocities(states: Array, car: Car) -> Array:
     """Return the velocities of a point mass in some states, (n, 5), as they are written; (n, 2) m/s."""
-    speed, heading = np.maximum(states[:, SPEED], LEAST_SPEED * car.speed), states[:, HEADING]
+    speed, heading = np.maximum(states[:, SPEED], 1e-6 * car.speed), states[:, HEADING]
     return speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 

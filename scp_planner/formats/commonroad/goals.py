@@ -9,9 +9,6 @@ from typing import Any
 
 from scp_planner.errors import MISSING, Fault, ScenarioError
 
-PRECISION = 1e-6  # m: the format's own
-ARC_SIDES = 16  # of a quarter of a disc's outline, inside of it
-
 
 @dataclass(frozen=True)
 class GoalAim:
@@ -102,11 +99,11 @@ def polygons_of(shape: Any) -> list[Any]:
     if radius is not None:
         from shapely import Point
 
-        return [Point(shape.center).buffer(float(radius), quad_segs=ARC_SIDES)]
+        return [Point(shape.center).buffer(float(radius), quad_segs=16)]
     from shapely import set_precision
 
     # Files repeat corners, to all digits or nearly so, and outlines of lanes cross themselves.
-    tidy = set_precision(shape.shapely_object.buffer(0.0), PRECISION)
+    tidy = set_precision(shape.shapely_object.buffer(0.0), 1e-6)
     return [part for part in getattr(tidy, "geoms", [tidy]) if part.area > 0.0]
 
 

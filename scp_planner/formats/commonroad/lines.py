@@ -10,14 +10,22 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.formats.commonroad.roads import GUIDE_STEP, Point, lengths_along, spaced
+from scp_planner.formats.commonroad.roads import ROADS, Point, lengths_along, spaced
 
-INSIDE = 0.01  # of the size of a goal's region: how far inside its border the guide ends
-CORE = 0.5  # of the radius of the largest disc in a goal's region: what the line is led through lies so far inside
-STRIDE = 0.1  # lengths of the car, of a step in which it is steered
-SIGHT = 1.2  # lengths of the car: how far ahead on the line it is steered to, at least
-SIGHT_TIME = 0.4  # s of the file, at the speed of the start: how far ahead it looks where that is farther
-LONGEST = 3.0  # times the length of the line, after which a car that does not get to its end is no longer steered
+
+@dataclass(frozen=True)
+class LineParameters:
+    inside: float = 0.01  # Of the size of a goal's region: how far inside its border the guide ends
+    # Of the radius of the largest disc in a goal's region: what the line is led through lies so far inside
+    core: float = 0.5
+    stride: float = 0.1  # Lengths of the car, of a step in which it is steered
+    sight: float = 1.2  # Lengths of the car: how far ahead on the line it is steered to, at least
+    sight_time: float = 0.4  # s of the file, at the speed of the start: how far ahead it looks where that is farther
+    # Times the length of the line, after which a car that does not get to its end is no longer steered
+    longest: float = 3.0
+
+
+LINES = LineParameters()
 
 
 @dataclass(frozen=True)
@@ -47,12 +55,12 @@ class Arrival:
 def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> DrivenLine:
     """Return what a car drives that is steered along a line, (k, 2) m, by pure pursuit."""
     # Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992.
-    stride = STRIDE * car.length
+    stride = LINES.stride * car.length
     target = _continued(line, stride, car.sight)
     last = len(target) - 1 - math.ceil(car.sight / stride)
     x, y, turn, at = start[0], start[1], heading, 0
     near, poses = math.ceil(2.0 * car.sight / stride), [(x, y, turn)]
-    for _ in range(math.ceil(LONGEST * len(target))):
+    for _ in range(math.ceil(LINES.longest * len(target))):
         away = np.hypot(target[at : at + near, 0] - x, target[at : at + near, 1] - y)
         nearest = int(away.argmin())
         at += nearest
@@ -89,7 +97,7 @@ def arrival(drive: DrivenLine, places: Sequence[Any], turned: Array, soonest: fl
 
     found: list[tuple[tuple[float, float, float], Arrival]] = []
     for place in places:
-        inner = place.buffer(-INSIDE * math.sqrt(place.area))
+        inner = place.buffer(-LINES.inside * math.sqrt(place.area))
         inside = contains_xy(inner if inner.area > 0.0 else place, drive.middles[:, 0], drive.middles[:, 1])
         if not inside.any():
             away = distance(place, points(drive.middles))
@@ -128,11 +136,11 @@ def led_through(line: Array, places: Sequence[Any], length: float) -> Array:
 
     curve = LineString(line)
     place = min(places, key=lambda one: (one.distance(curve), -one.intersection(curve).length))
-    core = place.buffer(-CORE * maximum_inscribed_circle(place).length)
+    core = place.buffer(-LINES.core * maximum_inscribed_circle(place).length)
     if core.is_empty or core.intersects(curve):
         return line
     on_line, inside = nearest_points(curve, core)
-    line = spaced(line, GUIDE_STEP)
+    line = spaced(line, ROADS.guide_step)
     share = np.clip((lengths_along(line) - curve.project(on_line)) / length + 1.0, 0.0, 1.0)
     return line + (share * share * (3.0 - 2.0 * share))[:, None] * np.array(
         [inside.x - on_line.x, inside.y - on_line.y]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,16 @@ from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.formats.commonroad.cars import Car
 from scp_planner.formats.commonroad.goals import ends_of, polygons_of
 from scp_planner.formats.commonroad.lines import rectangle
-from scp_planner.formats.commonroad.roads import SEEN_GAP, Point, road_in
+from scp_planner.formats.commonroad.roads import ROADS, Point, road_in
 
-NOTABLE = 1e-3  # widths of the car: what reaches less far over a border at the start may be rounding
-STILL = 0.2  # m of the file. What moves less than this in all of the recording stands.
+
+@dataclass(frozen=True)
+class RecordedObstacles:
+    notable: float = 1e-3  # Widths of the car: what reaches less far over a border at the start may be rounding
+    still: float = 0.2  # m of the file. What moves less than this in all of the recording stands
+
+
+RECORDED = RecordedObstacles()
 
 
 def obstacles_of(world: Any, step: float, name: str) -> list[dict[str, Any]]:
@@ -54,7 +61,7 @@ def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
         places = np.array([state.position for state in states], dtype=float)
     except (TypeError, ValueError):
         raise ScenarioError(name, [Fault(own, MISSING, "its positions must be known exactly")]) from None
-    if np.ptp(places, axis=0).max() < STILL:
+    if np.ptp(places, axis=0).max() < RECORDED.still:
         still = {"position": tuple(places[0].tolist())}
         return {**identity, "shape": _shape(obstacle, float(initial.orientation)), "motion": still}
     course = {"time": [step * state.time_step for state in states], "position": places.tolist()}
@@ -117,7 +124,7 @@ def touched_by(middle: Point, heading: float, car: Car, world: Any, time_step: i
     """Say what the rectangle of a car touches where it starts."""
     from shapely import Point as PointOf
 
-    body, notable = rectangle(middle, heading, car.length, car.width), NOTABLE * car.width
+    body, notable = rectangle(middle, heading, car.length, car.width), RECORDED.notable * car.width
     core = body.buffer(-notable)
     for obstacle in world.obstacles:
         occupancy = obstacle.occupancy_at_time(time_step)
@@ -127,7 +134,7 @@ def touched_by(middle: Point, heading: float, car: Car, world: Any, time_step: i
             return f"meets obstacle {obstacle.obstacle_id}"
     if not world.lanelet_network.lanelets:
         return None
-    road = road_in(world.lanelet_network, body, SEEN_GAP)
+    road = road_in(world.lanelet_network, body, ROADS.seen_gap)
     if road.is_empty:
         return "stands beside the road"
     beyond = body.difference(road.buffer(notable))

@@ -12,23 +12,34 @@ from typing import Any
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
-from scp_planner.formats.commonroad.cars import FEWEST_DISCS, Car, VehicleModel, car_named, default_car, softer
+from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_named, default_car, softer
 from scp_planner.formats.commonroad.checker import SPEED, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
-from scp_planner.formats.commonroad.reading import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
+from scp_planner.formats.commonroad.reading import READING, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
 
-TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)  # of the way at the speed of the start: where goals of time alone are tried
-DEPTHS = (0.5, 1.0)  # how far into a goal's region, where it is not reached as soon as it may be
-SHARE = 0.5  # of the time that is left, that one trial is given: others may do
 QUICK_RUNS, QUICK_SEARCHES = 2, 4  # settings of a look at an aim that is one of several
-SOFTER = (1.0, 0.8, 0.6, 0.4)  # parts of jerk that are tried where the checker would not find the inputs of a plan
-SPAN = 0.65  # lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly
-SHORTEST_SPAN = 0.15  # units of length of the scene: on very long roads spans of the vehicle's length are too many
+
+
+@dataclass(frozen=True)
+class TrialParameters:
+    # Of the way at the speed of the start: where goals of time alone are tried
+    timed_ways: tuple[float, ...] = (0.8, 0.6, 1.0, 0.4, 1.3)
+    # How far into a goal's region, where it is not reached as soon as it may be
+    depths: tuple[float, float] = (0.5, 1.0)
+    share: float = 0.5  # Of the time that is left, that one trial is given: others may do
+    # Parts of jerk that are tried where the checker would not find the inputs of a plan
+    softer: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
+    span: float = 0.65  # Lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly
+    # Units of length of the scene: on very long roads spans of the vehicle's length are too many
+    shortest_span: float = 0.15
+
+
+TRIALS = TrialParameters()
 
 
 @dataclass(frozen=True)
@@ -88,7 +99,7 @@ class _Job:
 
     @property
     def left(self) -> float:
-        return SHARE * (self.deadline - perf_counter())
+        return TRIALS.share * (self.deadline - perf_counter())
 
     def scenario(self, trial: _Trial) -> Scenario:
         """Return what is to be planned."""
@@ -130,7 +141,7 @@ def scenario_planned(path: str | PathLike[str], plan: Plan) -> Scenario:
 
 def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     """Cover a car that gets nowhere for what it touches by more discs, which stick out of it less."""
-    for discs in MORE_DISCS:
+    for discs in READING.more_discs:
         if discs <= len(made.scenario.vehicle.discs):
             continue
         if not _touches_alone(job, made) or job.left <= 0.0:
@@ -144,7 +155,7 @@ def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     """Drive more softly, where the official checker would not find the inputs of what is certified."""
     step, start = job.file.step, job.file.heading
     model, vehicle = VehicleModel(job.model), made.scenario.vehicle
-    for part in SOFTER:
+    for part in TRIALS.softer:
         if not made.plan.certified or job.left <= 0.0:
             break
         states = axle_states(made.plan, step, job.body, start)
@@ -171,7 +182,7 @@ class _Trial:
     aim: GoalAim
     quick: bool
     thorough: bool = False
-    discs: int = FEWEST_DISCS
+    discs: int = PLANNED.fewest_discs
     soft: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -181,20 +192,20 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
         yield _Trial(GoalAim(number), quick=False)
         if state.heading is not None:
             yield _Trial(GoalAim(number, turn=inf), quick=True)
-        for depth in DEPTHS:
+        for depth in TRIALS.depths:
             yield _Trial(GoalAim(number, depth=depth), quick=True)
         yield _Trial(GoalAim(number), quick=False, thorough=True)
         return
     for quick in (True, False):
-        for way in TIMED_WAYS:
+        for way in TRIALS.timed_ways:
             yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick)
 
 
 def road_settings(scenario: Scenario) -> Settings:
     """Return settings for a vehicle on a road."""
     discs = scenario.vehicle.discs
-    wanted = SPAN * (max(discs) - min(discs) + 2.0 * scenario.vehicle.radius)
-    return Settings(path_span=max(wanted, SHORTEST_SPAN * NaturalUnits.of(scenario).length))
+    wanted = TRIALS.span * (max(discs) - min(discs) + 2.0 * scenario.vehicle.radius)
+    return Settings(path_span=max(wanted, TRIALS.shortest_span * NaturalUnits.of(scenario).length))
 
 
 def _better(one: Plan, other: Plan) -> bool:

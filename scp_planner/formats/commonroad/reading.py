@@ -15,7 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.formats.commonroad import lines, roads
-from scp_planner.formats.commonroad.cars import FEWEST_DISCS, VehicleModel, car_named, centre_of, swerving, vehicle_of
+from scp_planner.formats.commonroad.cars import PLANNED, VehicleModel, car_named, centre_of, swerving, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
 from scp_planner.formats.commonroad.lines import point_ahead, rectangle
 from scp_planner.formats.commonroad.obstacles import obstacles_of, touched_by
@@ -37,14 +37,23 @@ CAR = {
 SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
 
-MORE_DISCS = (5, 9, 17, 33)  # that cover a car of the benchmark: more where fewer touch something at the start
-SLOWEST = 2.0  # m/s of the file, that a goal of time alone is planned with at least
-BLEND = 1.5  # s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal
-BEYOND = 1.5  # times the way to a goal of time alone, that the line goes on for at least
-UNHURRIED = 0.7  # of the speed at the start: a goal that may only be reached later is aimed at farther in
-REAR_WIDTH = 1.3  # widths of the vehicle: of the room behind it at the start for the discs that cover it
-NEARLY = 0.1  # lengths of the default vehicle, or a step if longer: so far ahead a goal around the start begins
-REACH = 8.0  # lengths of the vehicle around the guide in which the road is looked at
+
+@dataclass(frozen=True)
+class ReadingParameters:
+    # That cover a car of the benchmark: more where fewer touch something at the start
+    more_discs: tuple[int, ...] = (5, 9, 17, 33)
+    slowest: float = 2.0  # m/s of the file, that a goal of time alone is planned with at least
+    # s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal
+    blend: float = 1.5
+    beyond: float = 1.5  # Times the way to a goal of time alone, that the line goes on for at least
+    unhurried: float = 0.7  # Of the speed at the start: a goal that may only be reached later is aimed at farther in
+    rear_width: float = 1.3  # Widths of the vehicle: of the room behind it at the start for the discs that cover it
+    # Lengths of the default vehicle, or a step if longer: so far ahead a goal around the start begins
+    nearly: float = 0.1
+    reach: float = 8.0  # Lengths of the vehicle around the guide in which the road is looked at
+
+
+READING = ReadingParameters()
 
 
 @dataclass(frozen=True)
@@ -144,7 +153,7 @@ def scenario_of(
     car: str | None = None,
     aim: GoalAim | None = None,
     borders: bool = True,
-    discs: int = FEWEST_DISCS,
+    discs: int = PLANNED.fewest_discs,
 ) -> Scenario:
     """Make the scenario of a file that has been read, as `load_commonroad` does."""
     if vehicle is not None and model is not None:
@@ -153,7 +162,7 @@ def scenario_of(
     states = file.goal_states()
     if not 0 <= aim.state < len(states):
         raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
-    gap = max(file.step * file.speed, NEARLY * LENGTH)
+    gap = max(file.step * file.speed, READING.nearly * LENGTH)
     goal = ahead_of(states[aim.state], file.middle, file.heading, gap)
     reader = _Reader(file, goal, guide, borders, aim)
     if model is None:
@@ -172,7 +181,7 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fe
         text = f"no solution is valid: the car, {body.length:g} m by {body.width:g} m, {touched} where it starts"
         raise file.refused("initialState.position", file.middle, text)
     refused = ScenarioError(file.name, [])
-    for discs in (count for count in MORE_DISCS if count >= fewest):
+    for discs in (count for count in READING.more_discs if count >= fewest):
         fields = vehicle_of(body, model, discs)
         if model is VehicleModel.PM:
             fields |= swerving(fields, file.step, file.speed)
@@ -264,8 +273,10 @@ class _Reader:
         if end.index == 0:
             text = "nothing that drives forward along the lanes comes nearer to it than where it starts"
             raise file.refused("goalState.position", MISSING, text)
-        guide = roads.spaced(drive.places[: end.index + 1], roads.GUIDE_STEP) if end.index > 1 else np.array([start])
-        gap = roads.GAP * vehicle.width if model is None else roads.SEEN_GAP
+        guide = (
+            roads.spaced(drive.places[: end.index + 1], roads.ROADS.guide_step) if end.index > 1 else np.array([start])
+        )
+        gap = roads.ROADS.gap * vehicle.width if model is None else roads.ROADS.seen_gap
         goal = {
             "position": tuple(drive.places[end.index].tolist()),
             "region": [(float(x), float(y)) for x, y in end.place.exterior.coords[:-1]],
@@ -279,7 +290,7 @@ class _Reader:
             goal={**self.goal.fields(), **goal},
             guide=guide.tolist() if self.guided and len(guide) > 1 else None,
             walls=self._walls(guide, vehicle, gap) if self.bordered else [],
-            lanes=roads.lane_borders(file.world.lanelet_network, guide, REACH * vehicle.length, vehicle.width),
+            lanes=roads.lane_borders(file.world.lanelet_network, guide, READING.reach * vehicle.length, vehicle.width),
             obstacles=obstacles_of(file.world, file.step, file.name),
         )
 
@@ -294,12 +305,12 @@ class _Reader:
             last = route.lanes[-1].polygon.shapely_object
             at = max(places, key=lambda place: place.intersection(last).area).representative_point()
             line = np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
-            blend = max(BLEND * speed, 2.0 * roads.GUIDE_STEP)
+            blend = max(READING.blend * speed, 2.0 * roads.ROADS.guide_step)
             return lines.led_through(line, places, blend) if len(line) > 1 else line
         way = self._timed_way()
-        route = roads.route_ahead(network, start, heading, BEYOND * way)
+        route = roads.route_ahead(network, start, heading, READING.beyond * way)
         line = np.zeros((0, 2)) if route is None else route.line(start)
-        return line if len(line) > 1 else np.array([start, point_ahead(start, heading, BEYOND * way)])
+        return line if len(line) > 1 else np.array([start, point_ahead(start, heading, READING.beyond * way)])
 
     def _headings(self, model: VehicleModel | None, line: Array) -> tuple[float, float] | None:
         """The headings at the goal; for a point mass those that the official checker takes for them."""
@@ -318,7 +329,7 @@ class _Reader:
     def _timed_way(self) -> float:
         """Distance that the vehicle drives at the speed of its start until the goal's time, m."""
         time = (self.goal.earliest or self.goal.latest or self.file.begin) - self.file.begin
-        return self.aim.timed_way * max(self.file.speed, SLOWEST) * max(time, self.file.step)
+        return self.aim.timed_way * max(self.file.speed, READING.slowest) * max(time, self.file.step)
 
     def _arrival(
         self, drive: lines.DrivenLine, headings: tuple[float, float] | None, vehicle: _Vehicle
@@ -326,7 +337,7 @@ class _Reader:
         if self.goal.places:
             turned = lines.turned_too_far(drive.headings, headings, self.aim.turn)
             time = max((self.goal.earliest or self.file.begin) - self.file.begin, 0.0)
-            soonest = UNHURRIED * self.file.speed * time
+            soonest = READING.unhurried * self.file.speed * time
             return lines.arrival(drive, self.goal.places, turned, soonest, self.aim.depth)
         index = min(int(np.searchsorted(drive.stations, self._timed_way())), len(drive.stations) - 1)
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
@@ -338,8 +349,8 @@ class _Reader:
         file, width = self.file, vehicle.width
         if not file.world.lanelet_network.lanelets:
             return []
-        area = roads.drivable(file.world.lanelet_network, line, REACH * vehicle.length, width, gap)
+        area = roads.drivable(file.world.lanelet_network, line, READING.reach * vehicle.length, width, gap)
         # Discs reach beyond the rear of what they cover; the vehicle only moves away from there.
         rear = point_ahead(file.middle, file.heading, -0.5 * vehicle.length)
-        area = area.union(rectangle(rear, file.heading, 2.0 * width, REAR_WIDTH * width))
+        area = area.union(rectangle(rear, file.heading, 2.0 * width, READING.rear_width * width))
         return roads.walls_around(area, rectangle(file.middle, file.heading, vehicle.length, width), width)

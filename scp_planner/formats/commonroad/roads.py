@@ -15,17 +15,27 @@ from scp_planner.arrays import Array
 
 Point = tuple[float, float]
 
-GUIDE_STEP = 3.0  # m of the file, between points of the guide, which would else show the kinks of the centre lines
-CHANGE_COST = 30.0  # m of the file: of way that a change of lanes is worth
-CHANGE_MARGIN = 0.2  # part of a lane, before and after a change, in which the guide keeps to it
-WRONG_WAY = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
-DRAWN_IN = 0.015  # widths of the vehicle by which borders are drawn in, and corners cut off on the way
-GAP = 0.1  # widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them
-SEEN_GAP = 1e-6  # m, the file's precision: the official checker notices wider gaps between lanes not side by side
-THICKNESS = 1.5  # widths of the vehicle, of a wall; half as much, again and again, where something is in its way
-MOST_TURN = 0.5 * math.pi  # rad, of the border along one wall: where it turns to the right what lies beside is convex
-HALVINGS = 10
-SHORTEST = 1e-3  # widths of the vehicle; shorter edges of borders are none
+
+@dataclass(frozen=True)
+class RoadParameters:
+    # m of the file, between points of the guide, which would else show the kinks of the centre lines
+    guide_step: float = 3.0
+    change_cost: float = 30.0  # m of the file: of way that a change of lanes is worth
+    change_margin: float = 0.2  # Part of a lane, before and after a change, in which the guide keeps to it
+    wrong_way: float = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
+    drawn_in: float = 0.015  # Widths of the vehicle by which borders are drawn in, and corners cut off on the way
+    gap: float = 0.1  # Widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them
+    # m, the file's precision: the official checker notices wider gaps between lanes not side by side
+    seen_gap: float = 1e-6
+    # Widths of the vehicle, of a wall; half as much, again and again, where something is in its way
+    thickness: float = 1.5
+    # rad, of the border along one wall: where it turns to the right what lies beside is convex
+    most_turn: float = 0.5 * math.pi
+    halvings: int = 10  # Of that thickness, at most
+    shortest: float = 1e-3  # Widths of the vehicle; shorter edges of borders are none
+
+
+ROADS = RoadParameters()
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ def _ways(network: Any, lanes: dict[int, Any], start: Point, heading: float) -> 
         length = _length(lanes[key])
         yield way, passed + length
         steps = [(cost + length, passed + length, each) for each in lanes[key].successor]
-        steps += [(cost + CHANGE_COST, passed, each) for each in _neighbours(lanes[key])]
+        steps += [(cost + ROADS.change_cost, passed, each) for each in _neighbours(lanes[key])]
         for more, at, each in steps:
             if each in lanes and each not in done:
                 heapq.heappush(queue, (more, at, each, (*way, each)))
@@ -102,7 +112,7 @@ def _lanes_at(network: Any, lanes: dict[int, Any], start: Point, heading: float)
     """Lanes that hold a place and lead about where the vehicle heads, those best in line first."""
     (here,) = network.find_lanelet_by_position([np.array(start, dtype=float)])
     turns = {key: abs(math.remainder(_heading(lanes[key], start) - heading, 2.0 * math.pi)) for key in here}
-    return sorted((key for key in here if turns[key] <= WRONG_WAY), key=lambda key: (turns[key], key))
+    return sorted((key for key in here if turns[key] <= ROADS.wrong_way), key=lambda key: (turns[key], key))
 
 
 def _heading(lane: Any, point: Point) -> float:
@@ -136,10 +146,10 @@ def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
     share = (last - first) / len(row)
     points: list[Array] = []
     for k, lane in enumerate(row):
-        low = first + share * (k + (CHANGE_MARGIN if k else 0.0))
-        high = first + share * (k + 1.0 - (CHANGE_MARGIN if k < len(row) - 1 else 0.0))
+        low = first + share * (k + (ROADS.change_margin if k else 0.0))
+        high = first + share * (k + 1.0 - (ROADS.change_margin if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
-        count = max(2, math.ceil((high - low) * stations[-1] / GUIDE_STEP) + 1)
+        count = max(2, math.ceil((high - low) * stations[-1] / ROADS.guide_step) + 1)
         points += list(_at(line, stations, np.linspace(low, high, count) * stations[-1]))
     return points
 
@@ -181,7 +191,7 @@ def spaced(points: Array, step: float) -> Array:
 
 def drivable(network: Any, line: Array, reach: float, width: float, gap: float) -> Any:
     """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little."""
-    around, inwards = _about(line, reach), DRAWN_IN * width
+    around, inwards = _about(line, reach), ROADS.drawn_in * width
     return road_in(network, around, gap, inwards).simplify(inwards).intersection(around.simplify(inwards))
 
 
@@ -230,7 +240,7 @@ def lane_borders(network: Any, line: Array, reach: float, width: float) -> list[
         # The left border of a lane is the right one of the lane beside it, if both lead the same way.
         shared = lane.adj_left is not None and lane.adj_left_same_direction
         borders += [lane.right_vertices] if shared else [lane.left_vertices, lane.right_vertices]
-    near = [LineString(border).simplify(DRAWN_IN * width).intersection(around) for border in borders]
+    near = [LineString(border).simplify(ROADS.drawn_in * width).intersection(around) for border in borders]
     parts = [part for each in near for part in getattr(each, "geoms", [each])]
     return [[(float(x), float(y)) for x, y in part.coords] for part in parts if part.length > 0.0]
 
@@ -255,14 +265,14 @@ def walls_around(area: Any, start: Any, width: float) -> list[list[Point]]:
     prepare(inside)
     shape, walls = orient(held), []
     for ring in (shape.exterior, *shape.interiors):
-        for chain in _chains([corner[:2] for corner in ring.coords], SHORTEST * width):
+        for chain in _chains([corner[:2] for corner in ring.coords], ROADS.shortest * width):
             wall = _wall_along(chain, inside, width) if len(chain) > 2 else None
             walls += [_wall(a, b, inside, width) for a, b in pairwise(chain)] if wall is None else [wall]
     return walls
 
 
 def _chains(corners: Sequence[Point], shortest: float) -> Iterator[list[Point]]:
-    """Parts of a ring, edge by edge, that turn to the right only, and by less than `MOST_TURN`; no short edges."""
+    """Parts of a ring, edge by edge, that turn to the right only, by less than `ROADS.most_turn`; no short edges."""
     chain: list[Point] = []
     turned, before = 0.0, 0.0
     for a, b in pairwise(corners):
@@ -270,7 +280,7 @@ def _chains(corners: Sequence[Point], shortest: float) -> Iterator[list[Point]]:
             continue
         heading = math.atan2(b[1] - a[1], b[0] - a[0])
         turn = math.remainder(heading - before, 2.0 * math.pi)
-        if chain and chain[-1] == a and turn <= 0.0 and turned - turn < MOST_TURN:
+        if chain and chain[-1] == a and turn <= 0.0 and turned - turn < ROADS.most_turn:
             chain.append(b)
             turned -= turn
         else:
@@ -288,7 +298,7 @@ def _wall_along(chain: Sequence[Point], inside: Any, width: float) -> list[Point
 
     behind = []
     for a, b, at in ((chain[0], chain[1], chain[0]), (chain[-2], chain[-1], chain[-1])):
-        scale = THICKNESS * width / math.dist(a, b)
+        scale = ROADS.thickness * width / math.dist(a, b)
         behind.append((at[0] + scale * (b[1] - a[1]), at[1] + scale * (a[0] - b[0])))
     hull = MultiPoint([*chain, *behind]).convex_hull
     return None if inside.intersects(hull) else [(float(x), float(y)) for x, y in hull.exterior.coords[:-1]]
@@ -298,9 +308,9 @@ def _wall(a: Point, b: Point, inside: Any, width: float) -> list[Point]:
     """A wall to the right of an edge, as thick as fits beside an area."""
     from shapely import Polygon
 
-    length, thickness = math.dist(a, b), THICKNESS * width
+    length, thickness = math.dist(a, b), ROADS.thickness * width
     right = ((b[1] - a[1]) / length, (a[0] - b[0]) / length)
-    for _ in range(HALVINGS):
+    for _ in range(ROADS.halvings):
         c, d = ((x + thickness * right[0], y + thickness * right[1]) for x, y in (b, a))
         if not inside.intersects(Polygon([a, b, c, d])):
             break

@@ -24,7 +24,7 @@ pytest.importorskip("commonroad", reason="needs commonroad-io, which is not inst
 
 from scp_planner.formats.commonroad.cars import CARS, VehicleModel, car_named, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, seen_heading
-from scp_planner.formats.commonroad.planning import plan_commonroad
+from scp_planner.formats.commonroad.planning import TrialParameters, plan_commonroad
 from scp_planner.formats.commonroad.reading import load_commonroad
 from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
@@ -285,7 +285,7 @@ def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, 
     made = plan_commonroad(file, model="KS")
     assert made.plan.certified
     export_commonroad_solution(made.plan, file, tmp_path / "late.sol.xml", model="KS")
-    monkeypatch.setattr("scp_planner.formats.commonroad.planning.SOFTER", ())
+    monkeypatch.setattr("scp_planner.formats.commonroad.planning.TRIALS", TrialParameters(softer=()))
     hard = plan_commonroad(file, model="KS")
     assert hard.plan.certified
     with pytest.raises(ValueError, match="would not find the inputs"):
