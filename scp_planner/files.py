@@ -111,6 +111,18 @@ def write_rows(path: str | PathLike[str], columns: Sequence[str], rows: Iterable
     write_text(path, text.getvalue())
 
 
+def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Write a table for a terminal: the first column to the left, the others to the right."""
+    widths = [max(len(row[column]) for row in [heads, *rows]) for column in range(len(heads))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if column else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [heads, *rows]
+    )
+
+
 def regular_target(path: str | PathLike[str]) -> Path:
     """Give the file that is written where a name is written to: a regular one, there or not yet."""
     target = Path(os.path.realpath(path))

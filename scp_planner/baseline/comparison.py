@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array
 from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.descent import Descent
-from scp_planner.baseline.descent_run import Iterate
-from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.descent_run import DescentSettings, Iterate, Variant
 from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.files import write_rows
+from scp_planner.files import text_table, write_rows
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, tightened
@@ -288,14 +287,7 @@ def summary_table(trials: Sequence[Trial]) -> str:
         )
         for summary in summaries(trials)
     ]
-    widths = [max(len(row[column]) for row in [heads, *rows]) for column in range(len(heads))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in [heads, *rows]
-    )
+    return text_table(heads, rows)
 
 
 def trial_record(trial: Trial) -> dict[str, str | int | float | bool]:

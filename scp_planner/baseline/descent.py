@@ -10,8 +10,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.baseline.coordinates import Coordinates
-from scp_planner.baseline.descent_run import DescentRun, DescentStatus, Iterate
-from scp_planner.baseline.descent_settings import EVALUATIONS, DescentSettings
+from scp_planner.baseline.descent_run import EVALUATIONS, DescentRun, DescentSettings, DescentStatus, Iterate
 from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
 from scp_planner.baseline.priced import places_of, signed_excess, times_near, uniform, with_margins

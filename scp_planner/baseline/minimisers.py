@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.descent_run import DescentSettings, Variant
 
 
 class Minimisation(Protocol):

@@ -31,12 +31,7 @@ class PenalisedObjective:
     """Q at a fixed problem."""
 
     def __init__(
-        self,
-        problem: Problem,
-        prices: Array,
-        widths: Array,
-        sigma: Array | None = None,
-        margins: Array | None = None,
+        self, problem: Problem, prices: Array, widths: Array, sigma: Array | None = None, margins: Array | None = None
     ) -> None:
         self.problem, self.prices, self.widths = problem, prices, widths
         times = problem.samples if sigma is None else problem.space.time_table(sigma)

@@ -10,8 +10,7 @@ import numpy as np
 
 from scp_planner.baseline.checked_descent import CheckedDescent, checked_descent
 from scp_planner.baseline.descent import DESCENT, Descent
-from scp_planner.baseline.descent_run import DescentStatus
-from scp_planner.baseline.descent_settings import DescentSettings
+from scp_planner.baseline.descent_run import DescentSettings, DescentStatus
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import ATTEMPTS, Attempt, ReadyProblem, Search, Tally, met_what_was_left_out
 from scp_planner.planning.explain import grave_violations

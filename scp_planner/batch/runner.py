@@ -42,11 +42,6 @@ class BatchResult:
         """Number of scenarios with each status, the most frequent first."""
         return dict(Counter(row["status"] for row in self.rows).most_common())
 
-    @property
-    def all_certified(self) -> bool:
-        """True if every scenario has a certified plan."""
-        return all(row["status"] == PlanStatus.CERTIFIED for row in self.rows)
-
 
 def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence[Path] = ()) -> dict[str, Path]:
     """Find the scenarios of a folder."""

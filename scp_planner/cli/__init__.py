@@ -15,13 +15,7 @@ from scp_planner.cli.application import ExitCode, add_command, app, main, study_
 
 __all__ = ["ExitCode", "app", "main"]
 
-add_command(
-    app,
-    "demo",
-    trips.demo,
-    "scp-planner demo",
-    "scp-planner demo crossing -o crossing-demo",
-)
+add_command(app, "demo", trips.demo, "scp-planner demo", "scp-planner demo crossing -o crossing-demo")
 add_command(
     app,
     "plan",
@@ -59,30 +53,10 @@ add_command(
     "scp-planner batch scenarios --dask tcp://10.0.0.1:8786 -o results.csv",
 )
 app.add_typer(study_app)
-add_command(
-    study_app,
-    "consistency",
-    studies.consistency,
-    "scp-planner study consistency --quick -o consistency",
-)
-add_command(
-    study_app,
-    "coverage",
-    studies.coverage,
-    "scp-planner study coverage --runs 2000 -o coverage",
-)
-add_command(
-    app,
-    "fit-motion",
-    studies.fit_motion,
-    "scp-planner fit-motion tracks.csv -o people.yaml",
-)
-add_command(
-    app,
-    "fit-tracking",
-    tracking.fit_tracking,
-    "scp-planner fit-tracking drives.csv --probability 0.95",
-)
+add_command(study_app, "consistency", studies.consistency, "scp-planner study consistency --quick -o consistency")
+add_command(study_app, "coverage", studies.coverage, "scp-planner study coverage --runs 2000 -o coverage")
+add_command(app, "fit-motion", studies.fit_motion, "scp-planner fit-motion tracks.csv -o people.yaml")
+add_command(app, "fit-tracking", tracking.fit_tracking, "scp-planner fit-tracking drives.csv --probability 0.95")
 add_command(
     app,
     "export",
@@ -90,16 +64,5 @@ add_command(
     "scp-planner export plan.json -o plan.csv",
     "scp-planner export plan.json -o plan.mcap --frame odom",
 )
-add_command(
-    app,
-    "schema",
-    listings.schema,
-    "scp-planner schema > scenario.schema.json",
-)
-add_command(
-    app,
-    "settings",
-    listings.settings,
-    "scp-planner settings",
-    "scp-planner settings path_span",
-)
+add_command(app, "schema", listings.schema, "scp-planner schema > scenario.schema.json")
+add_command(app, "settings", listings.settings, "scp-planner settings", "scp-planner settings path_span")

@@ -13,9 +13,9 @@ from scp_planner.cli import commonroad, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import MotionModel, ScenarioFile, check_number, load_scenario
-from scp_planner.cli.output import print_json, report, start_logging, table, tell
+from scp_planner.cli.output import print_json, report, start_logging, tell
 from scp_planner.errors import MISSING, Fault, PlanError
-from scp_planner.files import JSON_SUFFIX
+from scp_planner.files import JSON_SUFFIX, text_table
 
 if TYPE_CHECKING:
     from scp_planner.certificate.verdict import Certificate
@@ -136,4 +136,4 @@ def _table(rows: list[dict[str, Any]]) -> str:
         ]
         for row in rows
     ]
-    return table(heads, lines)
+    return text_table(heads, lines)

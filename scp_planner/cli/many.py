@@ -83,8 +83,7 @@ def batch(
     *,
     crew: CrewOptions,
     pattern: Annotated[
-        str | None,
-        typer.Option("--pattern", metavar="GLOB", help="Which files of DIR, such as '**/crossing*.yaml'."),
+        str | None, typer.Option("--pattern", metavar="GLOB", help="Which files of DIR, such as '**/crossing*.yaml'.")
     ] = None,
     plans: Annotated[Path | None, typer.Option("--plans", help="Folder to write the plans into, JSON.")] = None,
     planning: PlanOptions,
@@ -208,12 +207,7 @@ def compare(
             bar.update()
 
         trials = comparison.compare(
-            scenarios,
-            starts_each=starts,
-            methods=chosen,
-            settings=settings,
-            seed=seed,
-            progress=advance,
+            scenarios, starts_each=starts, methods=chosen, settings=settings, seed=seed, progress=advance
         )
     if output is not None:
         comparison.save_trials(trials, output)

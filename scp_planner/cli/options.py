@@ -109,10 +109,7 @@ MethodName = Annotated[PlanningMethod, typer.Option("--method", help="How to pla
 SolverName = Annotated[
     str | None,
     typer.Option(
-        "--solver",
-        metavar="NAME",
-        help="daqp (default), clarabel, osqp or cvxpy.",
-        autocompletion=_known_solvers,
+        "--solver", metavar="NAME", help="daqp (default), clarabel, osqp or cvxpy.", autocompletion=_known_solvers
     ),
 ]
 Assignments = Annotated[

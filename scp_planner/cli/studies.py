@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 CONSISTENCY_FIGURES = ("consistency.png", "border.png")
 CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
 PredictionWindow = Annotated[
-    int,
-    typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
+    int, typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from.")
 ]
 COVERAGE_FILES = ("coverage.csv", "coverage.png", "recorded.csv")
 
@@ -224,8 +223,7 @@ def fit_motion(
     *,
     fit: FitOptions,
     half: Annotated[
-        bool,
-        typer.Option("--half", help="Fit to every other track; `study coverage --model` tests it on the rest."),
+        bool, typer.Option("--half", help="Fit to every other track; `study coverage --model` tests it on the rest.")
     ] = False,
     source: Annotated[
         str | None, typer.Option("--source", metavar="TEXT", help="What the file says that the tracks are.")

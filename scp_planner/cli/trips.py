@@ -204,10 +204,7 @@ def simulate(
 
 
 def _plan(
-    scenario: Scenario,
-    method: PlanningMethod,
-    values: dict[str, object] | None = None,
-    time_limit: float | None = None,
+    scenario: Scenario, method: PlanningMethod, values: dict[str, object] | None = None, time_limit: float | None = None
 ) -> Plan:
     from scp_planner.settings.planning import Settings
 

@@ -110,10 +110,7 @@ class Film:
 
         low, high = recording.extent()
         height = float(np.clip(0.9 * WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.8
-        figure = Figure(
-            figsize=(WIDTH, height + PROFILES_HEIGHT),
-            dpi=100,
-        )
+        figure = Figure(figsize=(WIDTH, height + PROFILES_HEIGHT), dpi=100)
         figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
         parts: Any = figure.subfigures(2, 1, height_ratios=[height, PROFILES_HEIGHT])
         self._recording = recording

@@ -299,10 +299,7 @@ def _true_centers(
 
 
 def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
-    facts = [
-        ("status", str(plan.status)),
-        ("travel time", f"{plan.travel_time:.2f} s"),
-    ]
+    facts = [("status", str(plan.status)), ("travel time", f"{plan.travel_time:.2f} s")]
     if plan.start_time != 0.0:
         facts += [("arrival", f"{plan.arrival_time:.2f} s")]
     if plan.reason:

@@ -63,8 +63,7 @@ class Vehicle(Part):
     max_lateral_acceleration: Positive | None = Field(default=None, description="m/s2; null: unbounded")
     max_curvature: Positive | None = Field(default=None, description="1/m; null: unbounded")
     max_jerk: Positive | None = Field(
-        default=None,
-        description="how fast the acceleration along the path may change, m/s3; null: it may jump",
+        default=None, description="how fast the acceleration along the path may change, m/s3; null: it may jump"
     )
     max_curvature_rate: Positive | None = Field(
         default=None,
@@ -210,8 +209,7 @@ class Observations(Part):
     time: Row[Number] = Field(description="s, increasing")
     position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
     covariance: Covariance | None = Field(
-        default=None,
-        description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated",
+        default=None, description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated"
     )
 
 

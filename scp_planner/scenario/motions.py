@@ -94,8 +94,7 @@ def _motion_case(data: Any) -> str:
 
 
 KnownMotion = Annotated[
-    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
-    Discriminator(_motion_case),
+    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))], Discriminator(_motion_case)
 ]
 
 

@@ -70,12 +70,7 @@ class Ellipse(Part):
         return planar.distance_to_ellipse(planar.turned(point, -own), *self.ellipse)
 
 
-SHAPE_KEYS: dict[str, type[Part]] = {
-    "disc": Disc,
-    "rectangle": Rectangle,
-    "polygon": PolygonShape,
-    "ellipse": Ellipse,
-}
+SHAPE_KEYS: dict[str, type[Part]] = {"disc": Disc, "rectangle": Rectangle, "polygon": PolygonShape, "ellipse": Ellipse}
 
 
 def _shape_case(data: Any) -> str | None:

@@ -20,17 +20,7 @@ from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
     from scp_planner.scenario.estimates import Estimate
-    from scp_planner.scenario.models import (
-        Goal,
-        Model,
-        Observations,
-        Obstacle,
-        Prior,
-        Scenario,
-        SpeedLimit,
-        Start,
-        Vehicle,
-    )
+    from scp_planner.scenario.models import Goal, Model, Obstacle, Prior, Scenario, SpeedLimit, Start, Vehicle
     from scp_planner.scenario.motions import Futures, GivenMotion, Motion
     from scp_planner.scenario.shapes import PolygonShape, Shape
     from scp_planner.scenario.validation import Part
@@ -92,7 +82,7 @@ class NaturalUnits(Units):
             obstacle,
             shape=self.shape(obstacle.shape),
             motion=None if obstacle.motion is None else self.motion(obstacle.motion, go_on),
-            observations=None if obstacle.observations is None else self._observations(obstacle.observations),
+            observations=None if obstacle.observations is None else self._seen(obstacle.observations),
             estimate=None if obstacle.estimate is None else self.estimate(obstacle.estimate),
             model=self.model(obstacle.model),
             margin=obstacle.margin / self.length,
@@ -232,9 +222,6 @@ class NaturalUnits(Units):
             velocity=over(known.velocity, self.speed),
             acceleration=over(known.acceleration, self.acceleration),
         )
-
-    def _observations(self, seen: Observations) -> Observations:
-        return self._seen(seen)
 
     def _seen(self, seen: AnyPart) -> AnyPart:
         """Positions at times, with their covariances."""

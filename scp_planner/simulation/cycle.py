@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -94,102 +94,38 @@ class Cycle:
     wall_time: float = field(default=0.0, compare=False)
 
 
-def _record_to_dict(record: Cycle) -> dict[str, Any]:
-    return {
-        "time": record.time,
-        "position": list(record.position),
-        "heading": record.heading,
-        "speed": record.speed,
-        "outcome": record.outcome,
-        "status": record.status,
-        "certified": record.certified,
-        "safe": record.safe,
-        "reason": record.reason,
-        "arrival_time": record.arrival_time,
-        "iterations": record.iterations,
-        "observations": [
-            {
-                "obstacle": seen.obstacle,
-                "time": seen.time,
-                "arrival": seen.arrival,
-                "position": list(seen.position),
-                "deviation": seen.deviation,
-            }
-            for seen in record.observations
-        ],
-        "zones": [
-            {
-                "id": zone.id,
-                "radius": zone.radius,
-                "breakpoints": [_finite(b) for b in zone.breakpoints],
-                "center": zone.center,
-                "covariance_breakpoints": None
-                if zone.covariance_breakpoints is None
-                else [_finite(b) for b in zone.covariance_breakpoints],
-                "covariance": zone.covariance,
-                "outlines": [
-                    {"vertices": outline.vertices, "matrix": outline.matrix, "turning": outline.turning}
-                    for outline in zone.outlines
-                ],
-            }
-            for zone in record.zones
-        ],
-        "truth": {name: list(place) for name, place in record.truth},
-        "clearance": _finite(record.clearance),
-    }
+def record_to_dict(record: Cycle) -> dict[str, Any]:
+    """Return a cycle as JSON; its wall time is not the same in two runs."""
+    data = asdict(record)
+    del data["wall_time"]
+    for zone in data["zones"]:
+        for key in ("breakpoints", "covariance_breakpoints"):
+            zone[key] = None if zone[key] is None else [finite(value) for value in zone[key]]
+    return {**data, "truth": dict(record.truth), "clearance": finite(record.clearance)}
 
 
-def _record_from_dict(data: dict[str, Any]) -> Cycle:
-    x, y = data["position"]
-    return Cycle(
-        time=data["time"],
-        position=(x, y),
-        heading=data["heading"],
-        speed=data["speed"],
-        outcome=data["outcome"],
-        status=data["status"],
-        certified=data["certified"],
-        safe=data["safe"],
-        reason=data["reason"],
-        arrival_time=data["arrival_time"],
-        iterations=data["iterations"],
-        observations=tuple(
-            Observation(
-                seen["obstacle"],
-                seen["time"],
-                seen["arrival"],
-                (seen["position"][0], seen["position"][1]),
-                seen["deviation"],
-            )
-            for seen in data["observations"]
-        ),
-        zones=tuple(
-            ZoneRecord(
-                zone["id"],
-                zone["radius"],
-                tuple(_infinite(b) for b in zone["breakpoints"]),
-                _tuples(zone["center"]),
-                None
-                if zone["covariance_breakpoints"] is None
-                else tuple(_infinite(b) for b in zone["covariance_breakpoints"]),
-                None if zone["covariance"] is None else _tuples(zone["covariance"]),
-                tuple(
-                    OutlineRecord(_tuples(outline["vertices"]), _tuples(outline["matrix"]), outline["turning"])
-                    for outline in zone.get("outlines", ())
-                ),
-            )
-            for zone in data["zones"]
-        ),
-        truth=tuple((name, (place[0], place[1])) for name, place in data["truth"].items()),
-        clearance=_infinite(data["clearance"]),
-    )
+def record_from_dict(data: dict[str, Any]) -> Cycle:
+    """Return a cycle of what `record_to_dict` made, after JSON."""
+    given = _all_tuples(data)
+    given["observations"] = tuple(Observation(**_all_tuples(seen)) for seen in data["observations"])
+    given["zones"] = tuple(_zone_from_dict(zone) for zone in data["zones"])
+    given["truth"] = tuple((name, _tuples(place)) for name, place in data["truth"].items())
+    return Cycle(**{**given, "clearance": infinite(data["clearance"])})
 
 
-def _finite(value: float) -> float | None:
+def _zone_from_dict(data: dict[str, Any]) -> ZoneRecord:
+    given = _all_tuples(data)
+    for key in ("breakpoints", "covariance_breakpoints"):
+        given[key] = None if given[key] is None else tuple(map(infinite, given[key]))
+    outlines = tuple(OutlineRecord(**_all_tuples(outline)) for outline in data.get("outlines", ()))
+    return ZoneRecord(**{**given, "outlines": outlines})
+
+
+def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _infinite(value: float | None) -> float:
+def infinite(value: float | None) -> float:
     return float("inf") if value is None else value
 
 
@@ -200,3 +136,7 @@ def _pieces(polynomials: PiecewisePolynomials) -> tuple[Any, ...]:
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(each) for each in value) if isinstance(value, list) else value
+
+
+def _all_tuples(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: _tuples(value) for key, value in data.items()}

@@ -21,7 +21,7 @@ from scp_planner.planning.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Obstacle, Scenario
 from scp_planner.scenario.shapes import Disc, Shape
-from scp_planner.simulation.cycle import Cycle, _finite, _infinite, _record_from_dict, _record_to_dict
+from scp_planner.simulation.cycle import Cycle, finite, infinite, record_from_dict, record_to_dict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -118,7 +118,7 @@ class Run:
             "contact": self.contact,
             "contact_standing": self.contact_standing,
             "travel_time": self.travel_time,
-            "least_clearance": _finite(self.least_clearance),
+            "least_clearance": finite(self.least_clearance),
             "outcomes": self.outcomes,
             "course": {
                 "time": self.time.tolist(),
@@ -130,7 +130,7 @@ class Run:
                     for name, center in self.obstacles.items()
                 },
             },
-            "records": [_record_to_dict(record) for record in self.records],
+            "records": [record_to_dict(record) for record in self.records],
             "plans": [_plan_to_dict(plan) for plan in self.plans],
             "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
         }
@@ -167,8 +167,8 @@ class Run:
                 contact=data["contact"],
                 contact_standing=data["contact_standing"],
                 travel_time=data["travel_time"],
-                least_clearance=_infinite(data["least_clearance"]),
-                records=tuple(_record_from_dict(record) for record in data["records"]),
+                least_clearance=infinite(data["least_clearance"]),
+                records=tuple(record_from_dict(record) for record in data["records"]),
                 time=np.array(course["time"]),
                 position=np.array(course["position"]).reshape(-1, 2),
                 heading=np.array(course["heading"]),

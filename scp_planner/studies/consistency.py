@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -17,9 +18,8 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
-from scp_planner.files import write_rows
+from scp_planner.files import regular_target, write_rows
 from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Replication, Study, ZoneKind, border
-from scp_planner.studies.result_file import ResultFile
 
 RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
 OTHER_WAY = "other_way"
@@ -121,6 +121,53 @@ def _bar(total: int, done: int, wanted: bool) -> Iterator[Callable[[], None]]:
             bar.update()
 
         yield advance
+
+
+class ResultFile:
+    """Results of repetitions on disk, one line of JSON each: an interrupted study goes on from them."""
+
+    def __init__(self, path: Path, fingerprint: str) -> None:
+        self.path = regular_target(path)
+        self.fingerprint = fingerprint
+
+    def load(self) -> dict[Replication, list[Record]]:
+        """Return the results that are there; a last line that was cut short is taken away."""
+        if not self.path.exists():
+            return {}
+        text = self.path.read_bytes()
+        whole = text.rfind(b"\n") + 1
+        if whole < len(text):
+            with open(self.path, "r+b") as file:
+                file.truncate(whole)
+        found: dict[Replication, list[Record]] = {}
+        for number, line in enumerate(text[:whole].decode("utf-8").splitlines(), start=1):
+            try:
+                data = json.loads(line)
+                task = Replication(data["noise"], data["size"], data["repetition"])
+                records = [Record(task, ZoneKind(kind), values) for kind, values in data["kinds"].items()]
+            except (ValueError, KeyError, TypeError, AttributeError):
+                raise StudyError(f"{self.path}: line {number} is no result of this study") from None
+            if data.get("study") == self.fingerprint:
+                found[task] = records
+        return found
+
+    def append(self, records: Sequence[Record]) -> None:
+        """Add the records of one repetition: one write to the end of the file, which is there whole or not at all."""
+        task = records[0].task
+        data = {
+            "study": self.fingerprint,
+            "noise": task.noise,
+            "size": task.size,
+            "repetition": task.repetition,
+            "kinds": {record.kind.value: record.values for record in records},
+        }
+        line = json.dumps(data, allow_nan=False) + "\n"
+        descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            os.write(descriptor, line.encode("utf-8"))
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 @dataclass(frozen=True)

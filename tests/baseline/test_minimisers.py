@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.descent_run import DescentSettings, Variant
 from scp_planner.baseline.minimisers import MINIMISERS
 
 

@@ -13,6 +13,7 @@ from scenes import CROSSERS, disc, scene
 from slopes import finite_differences, random_trips
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
 from scp_planner.baseline.priced import (
     places_of,
@@ -251,6 +252,13 @@ def test_violations_of_limits_are_those_of_the_trip() -> None:
         world = problem.frame.to_world(stations.position)[:, 1]
         outside = max(world.max() - (1.0 - 0.305), (-1.5 + 0.305) - world.min(), 0.0)
         assert violation(found, problem, "workspace bounds") == pytest.approx(outside, abs=1e-12)
+
+
+def prices_of(problem: Problem, penalties: Penalties) -> Array:
+    """Return the prices of a run of the loop, (G,); what its rows keep costs as much as its dearest limit."""
+    dearest = float(np.max(penalties.weights[problem.zones.size :]))
+    further = np.full(violation_count(problem) - len(penalties.weights), dearest)
+    return np.concatenate([penalties.weights, further])
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -14,8 +14,7 @@ from scp_planner import builtin
 from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.coordinates import path_scaling
 from scp_planner.baseline.descent import Descent
-from scp_planner.baseline.descent_run import DescentStatus
-from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.descent_run import DescentSettings, DescentStatus, Variant
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop

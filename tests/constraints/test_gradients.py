@@ -15,7 +15,7 @@ from slopes import differences, finite_differences, random_trips, trip_near_the_
 
 import scp_planner as sp
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent_settings import DescentSettings
+from scp_planner.baseline.descent_run import DescentSettings
 from scp_planner.baseline.objective import PenalisedObjective
 from scp_planner.baseline.priced import uniform
 from scp_planner.constraints.curvature_rate import rate_partials

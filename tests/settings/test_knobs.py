@@ -14,7 +14,7 @@ import pytest
 from scenes import CROSSERS, VEHICLE, scene
 
 import scp_planner as sp
-from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.descent_run import DescentSettings, Variant
 from scp_planner.batch import jobs
 from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise

@@ -30,7 +30,6 @@ from scp_planner.studies.field import (
     border,
 )
 from scp_planner.studies.figures import plot_border, plot_consistency
-from scp_planner.studies.result_file import ResultFile
 from scp_planner.threat_zones.batch import ZoneBatch
 
 TINY = ConsistencySettings(sizes=(100, 1000), noises=(0.02,), repetitions=2, points=16)

@@ -17,7 +17,7 @@ from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import opened
 from scp_planner.cli import app
 from scp_planner.files import write_text
-from scp_planner.studies.result_file import ResultFile
+from scp_planner.studies.consistency import ResultFile
 
 needs_posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices that have names")
 KINDS = ("a folder", "a device", "a pipe", "a socket")
