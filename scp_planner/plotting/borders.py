@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics import planar
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle
 from scp_planner.threat_zones.zone import ThreatZone
 
 if TYPE_CHECKING:
-    from scp_planner.scenario.models import Scenario
     from scp_planner.scenario.shapes import Shape
 
 
@@ -117,23 +115,3 @@ def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Ar
         against = np.einsum("ij,ij->i", edges[nearest], step) < 0.0
         seam |= (distance < -1e-6 * size) | ((distance <= 1e-6 * size) & against)
     return bits[~seam]
-
-
-def walls_of(scenario: Scenario) -> tuple[Array, ...]:
-    """Give the polygons of a scenario's walls, anticlockwise, (k, 2) m each; none without any."""
-    return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.walls)
-
-
-def lanes_of(scenario: Scenario) -> tuple[Array, ...]:
-    """Give the borders of a scenario's lanes, (k, 2) m each; none without any."""
-    return tuple(np.array(line) for line in scenario.lanes)
-
-
-def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
-    """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
-    return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())
-
-
-def region_of(scenario: Scenario) -> Array | None:
-    """Return the polygon of a scenario's goal, (k, 2) m; None where the goal is none."""
-    return None if scenario.goal.region is None else np.array(scenario.goal.region)

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, lanes_of, region_of, walls_of
+from scp_planner.mathematics import corridor, planar
+from scp_planner.plotting.borders import body_of, boundaries_of
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
@@ -181,32 +181,19 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         for one in scenario.obstacles
     )
     obstacles += tuple(record_outside(name, clearances[name]) for name in ground_of(scenario))
-    bounds = scenario.bounds
     return Recording(
-        name=scenario.name,
         facts=_facts(plan),
         time=time,
         position=position,
         heading=heading,
         speed=plan.speed(time),
-        radius=vehicle.radius,
-        max_speed=vehicle.max_speed,
-        goal=scenario.goal.position,
-        goal_radius=scenario.goal.radius,
-        goal_region=region_of(scenario),
-        bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
         path_index=np.zeros(len(time), dtype=np.intp),
         profiles=profiles_of(
             vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
         ),
         obstacles=obstacles,
-        corridor=corridor_of(scenario),
-        discs=vehicle.discs,
-        walls=walls_of(scenario),
-        lanes=lanes_of(scenario),
-        guide=guide_of(scenario),
-        stretches=stretches(scenario),
+        **scene_of(scenario),
     )
 
 
@@ -216,9 +203,24 @@ def ground_of(scenario: Scenario) -> tuple[str, ...]:
     return (*corridor_name, *((corridor.WALLS,) if scenario.walls else ()))
 
 
-def guide_of(scenario: Scenario) -> Array | None:
-    """Give the guide of a scenario, (k, 2) m; None if it is straight."""
-    return None if scenario.guide is None else np.array(scenario.guide)
+def scene_of(scenario: Scenario) -> dict[str, Any]:
+    """Fields of a recording that a scenario alone says."""
+    vehicle, goal, bounds = scenario.vehicle, scenario.goal, scenario.bounds
+    return {
+        "name": scenario.name,
+        "radius": vehicle.radius,
+        "max_speed": vehicle.max_speed,
+        "discs": vehicle.discs,
+        "goal": goal.position,
+        "goal_radius": goal.radius,
+        "goal_region": None if goal.region is None else np.array(goal.region),
+        "bounds": None if bounds is None else (bounds.min, bounds.max),
+        "corridor": tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ()),
+        "walls": tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.walls),
+        "lanes": tuple(np.array(line) for line in scenario.lanes),
+        "guide": None if scenario.guide is None else np.array(scenario.guide),
+        "stretches": stretches(scenario),
+    }
 
 
 def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, lanes_of, region_of, walls_of
+from scp_planner.plotting.borders import body_of, boundaries_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
@@ -17,13 +17,12 @@ from scp_planner.plotting.recording import (
     clearance_of,
     frame_count,
     ground_of,
-    guide_of,
     profiles_of,
     record_outside,
+    scene_of,
     speed_limit_at,
 )
 from scp_planner.plotting.scales import length_text
-from scp_planner.scenario.places import stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.zone import by_obstacle
 from scp_planner.trips.trip import discs_at
@@ -42,21 +41,14 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
     position = _interpolated(time, run.time, run.position)
     speed = np.interp(time, run.time, run.speed)
     acceleration, curvature = _driven(run)
-    vehicle, bounds = run.scenario.vehicle, run.scenario.bounds
+    vehicle = run.scenario.vehicle
     own_heading = np.interp(time, run.time, np.unwrap(run.heading))
     return Recording(
-        name=run.scenario.name,
         facts=_facts(run),
         time=time,
         position=position,
         heading=own_heading,
         speed=speed,
-        radius=vehicle.radius,
-        max_speed=vehicle.max_speed,
-        goal=run.scenario.goal.position,
-        goal_radius=run.scenario.goal.radius,
-        goal_region=region_of(run.scenario),
-        bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=tuple(
             plan.position(np.linspace(moment, max(moment, plan.arrival_time), 100))
             for moment, plan in zip(cycle_times, run.plans, strict=True)
@@ -70,12 +62,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             speed_limit_at(run.scenario, position),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
-        corridor=corridor_of(run.scenario),
-        discs=vehicle.discs,
-        walls=walls_of(run.scenario),
-        lanes=lanes_of(run.scenario),
-        guide=guide_of(run.scenario),
-        stretches=stretches(run.scenario),
+        **scene_of(run.scenario),
         replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),
     )
 
