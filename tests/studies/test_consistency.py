@@ -16,6 +16,7 @@ from scp_planner.studies.consistency import (
     RESULTS,
     ConsistencyResult,
     Fit,
+    ResultFile,
     run_consistency,
 )
 from scp_planner.studies.field import (
