@@ -88,7 +88,7 @@ class _Vehicle:
     def steering(self, speed: float) -> lines.SteeredCar:
         given = self.fields.max_curvature if isinstance(self.fields, Vehicle) else self.fields.get("max_curvature")
         bend = given if given is not None and math.isfinite(given) else 1.0 / self.length
-        sight = max(lines.SIGHT * self.length, lines.SIGHT_TIME * speed)
+        sight = max(lines.LINES.sight * self.length, lines.LINES.sight_time * speed)
         return lines.SteeredCar(self.length, self.centre, bend, sight)
 
 
