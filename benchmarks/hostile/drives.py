@@ -80,16 +80,15 @@ def _told(rng: np.random.Generator) -> Data:
     return told
 
 
-def tolerances(planner: sp.Planner, drawn: Wild) -> Allowed:
-    """How far off what a planner answers may begin, in the units that its scenario was drawn in: as documented."""
-    vehicle, error, usual = drawn.data["vehicle"], planner.online.tracking_error / drawn.length, Tolerances()
-    gains, brakes = vehicle["max_acceleration"], vehicle["max_deceleration"]
-    start, goal = (np.array(place) for place in (drawn.data["start"]["position"], planner.scenario.goal.position))
-    way = math.dist(start, goal / drawn.length)
-    top = min(vehicle["max_speed"], math.sqrt(2.0 * gains * brakes * way / (gains + brakes)))
+def tolerances(given: sp.Scenario, error: float, length: float, time: float) -> Allowed:
+    """How far off the answers for a scenario may begin by a tracking error, m, in units of so many m and s."""
+    vehicle, usual = given.vehicle, Tolerances()
+    gains, brakes = vehicle.max_acceleration, vehicle.max_deceleration
+    way = math.dist(given.start.position, given.goal.position)
+    top = min(vehicle.max_speed, math.sqrt(2.0 * gains * brakes * way / (gains + brakes)))
     return Allowed(
-        error + max(usual.position, 2e-6 / drawn.length),
-        error * brakes / top + usual.boundary_speed,
+        error / length + max(usual.position, 2e-6 / length),
+        error * brakes / top * time / length + usual.boundary_speed,
         2.0 * error * brakes / top**2 + usual.heading,
     )
 
@@ -143,12 +142,16 @@ class Judge:
     drawn: Wild
     checked: int = 0
 
+    def __post_init__(self) -> None:
+        """Keep the scenario that is begun with."""
+        self._given = self.planner.scenario
+
     def of(self, plan: OnlinePlan, told: Told) -> str:
         """Say what is wrong with an answer; nothing if nothing is."""
         length, time = self.drawn.length, self.drawn.time
         scenario = self.planner.scenario
         data = scaled(scenario.to_dict(), 1.0 / length, 1.0 / time)
-        allowed = tolerances(self.planner, self.drawn)
+        allowed = tolerances(self._given, self.planner.online.tracking_error, length, time)
         told = Told(told.time / time, told.position / length, told.heading, told.speed * time / length)
         ways = scenario.vehicle.steering
         free = ways is Steering.ANY or (ways is not Steering.AHEAD and told.speed <= SLOW)

@@ -62,8 +62,10 @@ def check(
 
     start_logging(printing)
     check_number("--slack", slack, 0.0)
-    trips = [_load(file) for file in files]
     usual = cache(lambda: load_scenario(scenario_file, motion))
+    if motion is not None:
+        usual()  # What is wrong with the model is reported first
+    trips = [_load(file) for file in files]
     driven = [commonroad.scenario_of(scenario_file, trip) or usual() for trip in trips]
     certificates = [
         certify(_widened(each, 1.0 + slack) if slack else each, trip) for each, trip in zip(driven, trips, strict=True)

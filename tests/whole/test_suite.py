@@ -184,7 +184,7 @@ def turned_and_moved(scenario: sp.Scenario, angle: float, shift: Array) -> sp.Sc
         data["guide"] = [data["start"]["position"], *map(place, data["guide"][1:-1]), data["goal"]["position"]]
     for obstacle in data["obstacles"]:
         motion, shape = obstacle["motion"], obstacle["shape"]
-        if "time" in motion:
+        if isinstance(motion["time"], list):
             motion["position"] = [place(point) for point in motion["position"]]
             if motion["covariance"] is not None:
                 motion["covariance"] = [(turn @ np.array(each) @ turn.T).tolist() for each in motion["covariance"]]

@@ -86,7 +86,7 @@ def test_the_page_of_the_package_has_no_link_that_leads_only_in_the_repository(w
         metadata = archive.read(name).decode()
     assert "Description-Content-Type: text/markdown" in metadata
     page = metadata.partition("\n\n")[2]
-    assert "## Quick start" in page and "The tutorial goes from installing" in page
+    assert "## Quick start" in page and "The tutorial goes from installation" in page
     links = re.findall(r"\]\(([^)]*)\)", re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL))
     assert [link for link in links if not link.startswith(("https://", "#"))] == []
     assert "<!--" not in page
