@@ -21,7 +21,7 @@ IN_SPAN = np.array([1e-6, 0.2, 0.4, 0.6, 0.8, 1.0 - 1e-6])  # places in each spa
 IN_CELLS = ((np.arange(CELLS_PER_SPAN)[:, None] + np.array([5e-6, 1.0 - 5e-6])) / CELLS_PER_SPAN).ravel()
 """Over a curved guide, whose curvature has another second derivative in each cell: both sides of each border."""
 
-SLOWEST = 1e-3  # units of speed; the derivative of a speed that is a root is taken no nearer to 0
+SLOWEST_TURN = 1e-3  # units of speed; the derivative of a speed that is a root is taken no nearer to 0
 DIFFERENCE = 1e-6  # of the guide, to either side
 IMAGINARY = 1e-30  # step of the derivatives
 
@@ -55,7 +55,7 @@ class CurvatureRate(TwoSidedLimit):
         acceleration = table.acceleration @ trip.beta
         acceleration[moves:] = 0.0
         gradient = squared_speed_gradient(setup, trip, sites.parameter, sites.sigma, sites.speed, acceleration)
-        gradient *= (sites.rate / (2.0 * np.maximum(sites.speed, SLOWEST)))[:, None]
+        gradient *= (sites.rate / (2.0 * np.maximum(sites.speed, SLOWEST_TURN)))[:, None]
         span, local = basis.locate(sites.parameter)
         scale = 1.0
         for partial in rate_partials(trip.path, sites.parameter):

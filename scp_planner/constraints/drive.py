@@ -11,7 +11,7 @@ from scp_planner.constraints.constraint import Constraint, Limit
 from scp_planner.constraints.setup import Setup
 from scp_planner.trips.trajectory import Trajectory
 
-STILL = 2e-6  # m/s, less than a stop at the goal: who waits moves on so slowly, lest rounding lead to speeds below 0
+STANDS = 2e-6  # m/s, less than a stop at the goal: who waits moves on so slowly, lest rounding lead to speeds below 0
 
 
 class DriveRows:
@@ -28,7 +28,7 @@ class DriveRows:
         self._speeds = speeds[moves]
         # Speeds that are fixed at 0, as at a start from rest, stay as they are
         free = (self._speeds @ setup.highest_accelerations > 0.0) | (space.start_speed > 0.0)
-        self._still = np.where(free, STILL, 0.0)
+        self._still = np.where(free, STANDS, 0.0)
         eye = np.eye(count)
         self._beta = slice(self.theta_size, self.theta_size + count)
         first = self.equalities

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors
-from scp_planner.estimation.tolerances import EQUAL_EIGENVALUES, LENGTH_TOLERANCE
+from scp_planner.estimation.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 from scp_planner.mathematics.quadrature import gauss_rule
 
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
@@ -305,7 +305,7 @@ def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Arr
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
         total = np.asarray(half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights))
-        if panels >= INTEGRAL.most_panels or np.all(np.abs(total - answer) <= LENGTH_TOLERANCE * total):
+        if panels >= INTEGRAL.most_panels or np.all(np.abs(total - answer) <= PLACE_TOLERANCE * total):
             return total
         answer, panels = total, 2 * panels
 

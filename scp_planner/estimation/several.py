@@ -14,7 +14,7 @@ from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.scenario.models import Observations, Obstacle
 from scp_planner.scenario.process_model import ProcessModel
 
-AT_ONCE = 4096  # observations that are taken in together
+TRACKS_AT_ONCE = 4096  # observations that are taken in together
 
 
 def estimate_together(obstacles: Sequence[Obstacle], go_on: GoOn | None = None) -> list[MotionEstimate]:
@@ -45,7 +45,7 @@ def _in_parts(
 ) -> Iterator[tuple[ProcessModel, Sequence[int], list[Observations]]]:
     """Groups of obstacles, none of them too large: their model, their places, and what was seen of them."""
     for (model, long), places in alike.items():
-        size = max(1, AT_ONCE // (long or FEW))
+        size = max(1, TRACKS_AT_ONCE // (long or FEW))
         for begin in range(0, len(places), size):
             some = places[begin : begin + size]
             yield model, some, [seen for place in some if (seen := obstacles[place].observations) is not None]
@@ -64,10 +64,10 @@ def _filtered(model: ProcessModel, records: Sequence[Observations], go_on: GoOn 
     one_by_one = longest if longest <= FEW else 1
     for i in range(one_by_one):
         filtered.update(times[i], positions[i], noise[i], seen=counts > i)
-    for begin in range(one_by_one, longest, AT_ONCE):
+    for begin in range(one_by_one, longest, TRACKS_AT_ONCE):
         if begin > one_by_one and go_on is not None:
             go_on()
-        some = slice(begin, begin + AT_ONCE)
+        some = slice(begin, begin + TRACKS_AT_ONCE)
         filtered.take_in(times[some], positions[some], noise[some])
     return filtered
 

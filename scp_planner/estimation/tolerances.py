@@ -3,7 +3,7 @@
 from sys import float_info
 
 SCALE_TOLERANCE = 1e-13  # of log q
-LENGTH_TOLERANCE = 1e-7  # relative, of a standardised length
+PLACE_TOLERANCE = 1e-7  # relative, of a standardised length
 EQUAL_EIGENVALUES = 1e-9  # relative difference of two eigenvalues below which they count as equal
 RESIDUAL_TOLERANCE = 1e-8  # of the residuals, relative to the noise
 TIME_TOLERANCE = 1e-9  # units of time; times this little before the last observation are taken for it

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 
-WIDTH, PROFILES_HEIGHT = 7.2, 1.75
+FILM_WIDTH, FILM_PROFILES_HEIGHT = 7.2, 1.75
 """inches"""
 GIF_TICK = 0.01
 """s. Times between the frames of a GIF are whole multiples of it."""
@@ -109,10 +109,10 @@ class Film:
         from matplotlib.figure import Figure
 
         low, high = recording.extent()
-        height = float(np.clip(0.9 * WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.8
-        figure = Figure(figsize=(WIDTH, height + PROFILES_HEIGHT), dpi=100)
+        height = float(np.clip(0.9 * FILM_WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.8
+        figure = Figure(figsize=(FILM_WIDTH, height + FILM_PROFILES_HEIGHT), dpi=100)
         figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
-        parts: Any = figure.subfigures(2, 1, height_ratios=[height, PROFILES_HEIGHT])
+        parts: Any = figure.subfigures(2, 1, height_ratios=[height, FILM_PROFILES_HEIGHT])
         self._recording = recording
         self._moving: list[tuple[Axes, Artist]] = []
         self._draw_map(parts[0].subplots())

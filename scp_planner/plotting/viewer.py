@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
     from scp_planner.scenario.models import Scenario
 
-FEWEST_SAMPLES, MOST_SAMPLES = 100, 800
+FEWEST_SAMPLES, PAGE_SAMPLES = 100, 800
 
 
 def save_viewer(plan: Plan, scenario: Scenario, path: str | PathLike[str], *, truth: Truth | None = None) -> None:
@@ -45,7 +45,7 @@ def save_viewer(plan: Plan, scenario: Scenario, path: str | PathLike[str], *, tr
         If the suffix is another one, or `truth` names an unknown obstacle.
     """
     # A sample each 0.05 s.
-    samples = int(np.clip(math.ceil(plan.travel_time / 0.05), FEWEST_SAMPLES, MOST_SAMPLES))
+    samples = int(np.clip(math.ceil(plan.travel_time / 0.05), FEWEST_SAMPLES, PAGE_SAMPLES))
     save_recording(record_plan(plan, scenario, samples + 1, truth), path)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 
-SAME_SWITCH = 0.03  # units of time; the acceleration of a profile changes once in so much time
+NEAR_SWITCH = 0.03  # units of time; the acceleration of a profile changes once in so much time
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,6 @@ def fastest_profile(
     rates = np.diff(squared) / (2.0 * step)
     switches: list[float] = []
     for time in times[1:-1][np.abs(np.diff(rates)) > 0.2 * min(acceleration, deceleration)].tolist():
-        if not switches or time - switches[-1] > SAME_SWITCH:
+        if not switches or time - switches[-1] > NEAR_SWITCH:
             switches.append(time)
     return SpeedProfile(stations, times, tuple(switches))

@@ -19,7 +19,7 @@ from scp_planner.simulation.stage import Stage
 EPISODES: Mapping[str, Callable[[int, int, bool], Episode]] = MappingProxyType(
     {"circle": circle_crossing, "square": square_crossing, "arena": restless_arena}
 )
-WON, TOUCHED = 1.0, -0.25
+WON, TOUCH_REWARD = 1.0, -0.25
 """Rewards, as CrowdNav gives them; less than 0.2 m from somebody costs 0.5 for each m and s."""
 
 Observation = dict[str, NDArray[Any]]
@@ -84,7 +84,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         touched = clearance < 0.0
         arrived = info["arrived"] = info["arrived"] and not touched
         late = info["time"] >= self.episode.time_limit - 0.5 * step
-        reward = TOUCHED if touched else WON if arrived else -0.5 * step * max(0.2 - clearance, 0.0)
+        reward = TOUCH_REWARD if touched else WON if arrived else -0.5 * step * max(0.2 - clearance, 0.0)
         return self._observed(), reward, touched or arrived, late and not (touched or arrived), info
 
     def _observed(self) -> Observation:

@@ -10,7 +10,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, SamplesError
 from scp_planner.files import LARGEST_COORDINATE
 
-FEWEST = 2  # samples of a trip
+FEWEST_TIMES = 2  # samples of a trip
 MOST_FAULTS = 20  # of one input that are listed
 
 
@@ -27,8 +27,10 @@ def check_columns(given: dict[str, Array], source: str, place_of: Callable[[str,
 
 def _shape_faults(given: dict[str, Array]) -> Iterator[Fault]:
     count = given["time"].size
-    if given["time"].ndim != 1 or count < FEWEST:
-        yield Fault("time", MISSING, f"must be a row of {FEWEST} or more times, not of shape {given['time'].shape}")
+    if given["time"].ndim != 1 or count < FEWEST_TIMES:
+        yield Fault(
+            "time", MISSING, f"must be a row of {FEWEST_TIMES} or more times, not of shape {given['time'].shape}"
+        )
         return
     for name, column in given.items():
         wanted = (count, 2) if name == "position" else (count,)

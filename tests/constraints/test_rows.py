@@ -11,7 +11,7 @@ from slopes import assert_rows, curved_problem_and_trip, differences, moved, pro
 
 from scp_planner.constraints.clearance import SAMPLE_STRIDE, Clearance
 from scp_planner.constraints.constraint import Constraint
-from scp_planner.constraints.drive import STILL, DriveRows, kept_by_every_step
+from scp_planner.constraints.drive import STANDS, DriveRows, kept_by_every_step
 from scp_planner.constraints.lateral import LateralAcceleration, station_sites
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
@@ -96,7 +96,7 @@ def test_arrival_speed_and_acceleration_rows(degree: int, made: Made) -> None:
         ratio = 1.0 + z[-1]
         speeds = other.speed_control_points()[1:]
         # The trip moves on by a little at least.
-        expected = np.concatenate([(limits.speed - speeds) * ratio, speeds * ratio - STILL])
+        expected = np.concatenate([(limits.speed - speeds) * ratio, speeds * ratio - STANDS])
         np.testing.assert_allclose(left[: len(expected)], expected, atol=1e-10)
         # Conservative: tau^2 is replaced by its tangent.
         up, down = np.split(left[len(expected) :], 2)

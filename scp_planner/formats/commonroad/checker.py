@@ -13,7 +13,7 @@ from scp_planner.arrays import Array
 from scp_planner.formats.commonroad.cars import Car, VehicleModel, centre_of
 from scp_planner.planning.plan import Plan
 
-STEERING, SPEED, HEADING = 2, 3, 4  # columns of states, behind the place of the rear axle
+STEERING, SPEED_COLUMN, HEADING = 2, 3, 4  # columns of states, behind the place of the rear axle
 SAME = np.array([0.02, 0.02, 0.03])  # m along each axis, and rad: states that differ by less are one
 SAME_POINT = np.full(4, 0.02)  # m and m/s along each axis: states of a point mass that differ by less are one
 OUT_OF_BOUNDS = float(np.linalg.norm(100.0 * SAME))  # cost of inputs that cannot be
@@ -55,7 +55,7 @@ def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array |
 
 def velocities(states: Array, car: Car) -> Array:
     """Return the velocities of a point mass in some states, (n, 5), as they are written; (n, 2) m/s."""
-    speed, heading = np.maximum(states[:, SPEED], 1e-6 * car.speed), states[:, HEADING]
+    speed, heading = np.maximum(states[:, SPEED_COLUMN], 1e-6 * car.speed), states[:, HEADING]
     return speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
@@ -79,7 +79,7 @@ def found(before: Array, after: Array, step: float, model: VehicleModel, car: Ca
         apart = pair[1] - reached
         if point:
             return float(np.linalg.norm(apart))
-        far = np.append(apart[[0, 1, SPEED]], _turned(pair[1], reached))
+        far = np.append(apart[[0, 1, SPEED_COLUMN]], _turned(pair[1], reached))
         over = np.abs(far[:3]) - SAME
         return float(np.linalg.norm(far) + np.linalg.norm(np.maximum(over, 0.0)))
 
@@ -105,7 +105,7 @@ def _car_reached(state: Array, inputs: Array, step: float, car: Car) -> Array | 
     rate, acceleration = float(inputs[0]), float(inputs[1])
     if abs(round(rate, 4)) > car.steering_rate or abs(round(acceleration, 4)) > car.acceleration:
         return None
-    across = state[SPEED] ** 2 * math.tan(state[STEERING]) / car.wheelbase
+    across = state[SPEED_COLUMN] ** 2 * math.tan(state[STEERING]) / car.wheelbase
     if acceleration**2 + across**2 > car.acceleration**2:
         return None
 

@@ -13,7 +13,7 @@ from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
 from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_named, default_car, softer
-from scp_planner.formats.commonroad.checker import SPEED, axle_states, joined
+from scp_planner.formats.commonroad.checker import SPEED_COLUMN, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
 from scp_planner.formats.commonroad.reading import READING, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.planning.offline import planned
@@ -161,7 +161,7 @@ def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
         states = axle_states(made.plan, step, job.body, start)
         if joined(states, step, model, job.body) is not None:
             break
-        again = job.again(replace(trial, soft=softer(vehicle, step, float(states[:, SPEED].max()), part)), made)
+        again = job.again(replace(trial, soft=softer(vehicle, step, float(states[:, SPEED_COLUMN].max()), part)), made)
         made = again if again.plan.certified else made
     return made
 

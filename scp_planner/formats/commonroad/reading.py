@@ -22,10 +22,10 @@ from scp_planner.formats.commonroad.obstacles import obstacles_of, touched_by
 from scp_planner.formats.commonroad.roads import Point
 from scp_planner.scenario.models import Scenario, Vehicle
 
-LENGTH, WIDTH = 4.5, 1.8  # m, of the default vehicle
+CAR_LENGTH, CAR_WIDTH = 4.5, 1.8  # m, of the default vehicle
 DISC_SPACING = 0.9  # m between the five discs that cover it
 CAR = {
-    "radius": math.hypot(0.5 * WIDTH, 0.5 * LENGTH - 2.0 * DISC_SPACING),
+    "radius": math.hypot(0.5 * CAR_WIDTH, 0.5 * CAR_LENGTH - 2.0 * DISC_SPACING),
     "discs": tuple(DISC_SPACING * k for k in (-2, -1, 0, 1, 2)),
     "max_acceleration": 6.0,
     "max_deceleration": 8.0,
@@ -162,7 +162,7 @@ def scenario_of(
     states = file.goal_states()
     if not 0 <= aim.state < len(states):
         raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
-    gap = max(file.step * file.speed, READING.nearly * LENGTH)
+    gap = max(file.step * file.speed, READING.nearly * CAR_LENGTH)
     goal = ahead_of(states[aim.state], file.middle, file.heading, gap)
     reader = _Reader(file, goal, guide, borders, aim)
     if model is None:
@@ -245,9 +245,9 @@ def _straight_to(start: Point, place: Any) -> Array:
 def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, speed: float) -> _Vehicle:
     if vehicle is None:
         top = max(SPEED_RESERVE * speed, LEAST_TOP_SPEED)
-        return _Vehicle({**CAR, "max_speed": top}, WIDTH, LENGTH, 0.0)
+        return _Vehicle({**CAR, "max_speed": top}, CAR_WIDTH, CAR_LENGTH, 0.0)
     fields = vehicle.model_dump() if isinstance(vehicle, Vehicle) else vehicle
-    radius = float(fields.get("radius", 0.5 * WIDTH))
+    radius = float(fields.get("radius", 0.5 * CAR_WIDTH))
     offsets = fields.get("discs") or (0.0,)
     long = max(offsets) - min(offsets) + 2.0 * radius
     return _Vehicle(vehicle, 2.0 * radius, long, float(fields.get("centre", 0.0)))

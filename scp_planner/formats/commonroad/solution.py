@@ -12,7 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
 from scp_planner.formats.commonroad.cars import Car, VehicleModel, car_named, centre_of, default_car
-from scp_planner.formats.commonroad.checker import HEADING, SPEED, STEERING, axle_states, joined, velocities
+from scp_planner.formats.commonroad.checker import HEADING, SPEED_COLUMN, STEERING, axle_states, joined, velocities
 from scp_planner.formats.commonroad.reading import read_commonroad
 from scp_planner.planning.plan import Plan
 
@@ -59,7 +59,7 @@ def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car)
     """Give the states of a plan that are shown, (n, 5), in classes of commonroad-io; the first is at a step."""
     from commonroad.scenario import state
 
-    speed, heading, count = shown[:, SPEED], shown[:, HEADING], len(shown) - 1
+    speed, heading, count = shown[:, SPEED_COLUMN], shown[:, HEADING], len(shown) - 1
     along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     places = shown[:, :STEERING] + centre_of(car, model) * along
     steps = range(first, first + count + 1)
