@@ -19,6 +19,7 @@ from verification.findings import Finding, Tolerances
 
 STEPS = 400
 STANDS = 1e-3  # m/s
+SHORTEST = 1e-2  # m, of a trip whose heading differences of positions tell
 CREEPS = 1e-4  # m/s, for a vehicle that stands to have a heading
 
 
@@ -50,7 +51,8 @@ def beginning(told: Told, position: PositionFunction, duration: float, allowed: 
         Finding("start_position", gap, 0.0, gap, allowed.position, told.time),
         Finding("start_speed", speed, told.speed, off, allowed.speed, told.time),
     ]
-    if told.heading is not None and min(speed, told.speed) > STANDS:
+    first, last = np.asarray(position(np.array([told.time, told.time + duration])))
+    if told.heading is not None and min(speed, told.speed) > STANDS and math.dist(first, last) > SHORTEST:
         heading = end_heading(position, duration, told.time, 1)
         turned = abs(math.remainder(heading - told.heading, 2.0 * math.pi))
         found.append(Finding("start_heading", heading, told.heading, turned, allowed.heading, told.time))
