@@ -11,7 +11,6 @@ from scp_planner.online.following import Following
 from scp_planner.online.remaining import State
 from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.models import Goal
-from scp_planner.scenario.scale import TOP_SPEED
 from scp_planner.settings.online import SceneOnlineSettings
 
 
@@ -30,9 +29,9 @@ class Arrival:
 
     def __init__(self, goal: Goal, following: Following, online: SceneOnlineSettings) -> None:
         self.goal, self._vehicle = goal, following.vehicle
-        given, top = online.arrival_tolerance, min(following.vehicle.max_speed, TOP_SPEED)
+        given = online.arrival_tolerance
         if given is None:
-            given = online.period * top if goal.radius == 0.0 and goal.region is None else 0.0
+            given = online.period * following.top_speed if goal.radius == 0.0 and goal.region is None else 0.0
         self.tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
         self._speed = GOAL_SPEED_TOLERANCE + max(
             following.vehicle.max_deceleration * online.period, following.speed or 0.0

@@ -44,8 +44,8 @@ class Deviation:
 class Following:
     vehicle: Vehicle  # Larger by what it may be off when it stands
     largest: float  # The most that it may be off, m
-    speed: float | None = None  # The most that its speed, m/s, and heading, rad, may be off; None
-    heading: float | None = None  # The most that its speed, m/s, and heading, rad, may be off; None
+    speed: float | None = None  # The most that its speed may be off, m/s; None: what `allows` derives
+    heading: float | None = None  # The most that its heading may be off, rad; None: what `allows` derives
     tube: TrackingTube | None = None
 
     @classmethod
@@ -62,9 +62,17 @@ class Following:
         """The most that it may be off besides when it drives, m."""
         return 0.0 if self.tube is None else self.tube.bound(self.vehicle)
 
+    @property
+    def top_speed(self) -> float:
+        """Highest speed that the vehicle reaches in its scene, m/s."""
+        return min(self.vehicle.max_speed, TOP_SPEED)
+
     def allows(self, off: Deviation) -> bool:
         """True if the vehicle is within its tolerances."""
-        top, apart = min(self.vehicle.max_speed, TOP_SPEED), off.distance
+        # A stop at once from the reported state ends within d + T dv + V T dh / 2 of the plan's own stop: d is the
+        # distance, dv and dh are the differences of speed and heading, T is the time of a stop from the top speed V.
+        # A tolerance that the follower states replaces its term.
+        top, apart = self.top_speed, off.distance
         stopping = braking_of(self.vehicle).time(top)
         if self.speed is None:
             apart += stopping * off.speed
