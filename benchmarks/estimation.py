@@ -23,14 +23,14 @@ from time import perf_counter
 import numpy as np
 
 import scp_planner as sp
-from scp_planner.estimation.confidence import region_scale
-from scp_planner.estimation.estimate import estimate_motion
-from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
-from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.tracking.confidence import region_scale
+from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.motion_filter import MotionFilter, estimate_process
+from scp_planner.tracking.recursive import RecursiveEstimator
 
 OBSTACLES = (1, 60, 200, 1000)
 FRAME_NOISE = 0.1  # m

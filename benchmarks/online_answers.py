@@ -18,10 +18,10 @@ from scipy.special import ndtr, ndtri
 import scp_planner as sp
 from benchmarks import online_noticing
 from benchmarks.online_regions import BORDER, known
-from scp_planner.estimation.conformal import square_within
 from scp_planner.online import sensor_frames
 from scp_planner.online.track import Seen
 from scp_planner.settings.online import Regions
+from scp_planner.tracking.conformal import square_within
 
 CHANGE = 0.5  # m/s2
 BEFORE, AFTER = 100, 15  # looks

@@ -29,9 +29,6 @@ import numpy as np
 import scp_planner as sp
 from benchmarks.crowds.policies import SHY, STANDING, closest, reciprocal_velocity
 from benchmarks.facts import facts_of
-from scp_planner.estimation.motion_fitting import fit_motion_model
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.simulation.crowds import CROWDS, among_people
@@ -40,6 +37,9 @@ from scp_planner.simulation.orca import Bodies
 from scp_planner.simulation.people import Manner
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Course, VehicleState, track_course
+from scp_planner.tracking.motion_fitting import fit_motion_model
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 WAYS = ("zones", "prediction", "orca", "waiting")
 FILES = {"eth": "eth_obsmat.txt", "hotel": "hotel_obsmat.txt", "univ": "univ_obsmat.txt"}

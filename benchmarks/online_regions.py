@@ -18,15 +18,15 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import common, families, online_crowds, online_noticing
-from scp_planner.estimation.conformal import square_within
-from scp_planner.estimation.error_laws import NormalErrors
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.settings.online import Regions, Watch
 from scp_planner.simulation.worlds import Course, track_course
+from scp_planner.tracking.conformal import square_within
+from scp_planner.tracking.error_laws import NormalErrors
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 Array = np.ndarray
 

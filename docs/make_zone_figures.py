@@ -15,16 +15,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from docs.make_gallery import shrink
-from scp_planner.estimation.confidence import LEVELS, region_scale
-from scp_planner.estimation.estimate import estimate_motion
-from scp_planner.estimation.least_squares import MotionPrior
-from scp_planner.estimation.motion_estimate import MotionEstimate
-from scp_planner.estimation.motion_filter import estimate_process
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.plotting.style import COLOURS, GREY, INK, save, style
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.studies.coverage import measure_coverage, plot_coverage
 from scp_planner.studies.recorded import RecordedCoverage, measure_recorded_coverage
+from scp_planner.tracking.confidence import LEVELS, region_scale
+from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.least_squares import MotionPrior
+from scp_planner.tracking.motion_estimate import MotionEstimate
+from scp_planner.tracking.motion_filter import estimate_process
+from scp_planner.tracking.tracks import Tracks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import scp_planner as sp
-from scp_planner.estimation.motion_fitting import fit_motion_model
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.plotting import animate, plot_run
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import track_courses
+from scp_planner.tracking.motion_fitting import fit_motion_model
+from scp_planner.tracking.tracks import Tracks
 
 FILE = Path("pedestrians") / "eth_obsmat.txt"
 SOURCE = "https://github.com/crowdbotp/OpenTraj (datasets/ETH/seq_eth/obsmat.txt)"

@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 
 import scp_planner as sp
-from scp_planner.estimation.motion_fitting import fit_motion_model
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.plotting import plot_plan
+from scp_planner.tracking.motion_fitting import fit_motion_model
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 FILE = Path("pedestrians") / "eth_obsmat.txt"
 SOURCE = "https://github.com/crowdbotp/OpenTraj (datasets/ETH/seq_eth/obsmat.txt)"

@@ -33,7 +33,6 @@ import scp_planner as sp
 from benchmarks.crowds.policies import PLAN_OUTCOMES
 from benchmarks.online_crowds import fitted_model, led_in, recordings
 from scp_planner.arrays import Array
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.crowds import CROWDS, among_people
@@ -41,6 +40,7 @@ from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Course, track_course
+from scp_planner.tracking.tracks import Tracks
 
 Row = dict[str, Any]
 

@@ -16,7 +16,6 @@ from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
 from scp_planner.certificate.trip_ends import begins_beside, ends_broken
 from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, Ends, Violation
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.scenario.limits import Limits
@@ -26,6 +25,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
 

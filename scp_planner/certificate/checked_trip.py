@@ -10,10 +10,10 @@ from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.tolerances import REPORT_PRECISION, SHORTEST_CHECK
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.pauses import look_at_the_clock
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip

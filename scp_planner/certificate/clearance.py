@@ -11,10 +11,10 @@ from scp_planner.certificate.checked_trip import PIECES, CheckedTrip
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.tolerances import END_TOLERANCE, LENGTH_TOLERANCE
 from scp_planner.certificate.verdict import Clearance, Violation
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import DistanceBounds, MovingPoint, ZoneBounds
 from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_clearances
+from scp_planner.tracking.error_tube import TrackingTube
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from scp_planner.cli.options import (
 from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
 
 if TYPE_CHECKING:
-    from scp_planner.estimation.tracks import Tracks
     from scp_planner.studies.coverage import Coverage
+    from scp_planner.tracking.tracks import Tracks
 
 CONSISTENCY_FIGURES = ("consistency.png", "border.png")
 CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
@@ -164,8 +164,8 @@ def _coverage_of_model(model: str, tracks: list[Path], probability: float, outpu
     """Test a model on recorded tracks."""
     if not tracks:
         raise bad_option("TRACKS", "none", "are needed to test a model on")
-    from scp_planner.estimation.tracks import Tracks
     from scp_planner.studies import recorded
+    from scp_planner.tracking.tracks import Tracks
 
     process = motion_model(model).process
     assert process is not None
@@ -240,8 +240,8 @@ def fit_motion(
     if output.suffix not in (".yaml", ".yml", ".json"):
         raise bad_option("--output", output, "must end in .yaml, .yml or .json")
     fit.check()
-    from scp_planner.estimation.motion_fitting import bounds_met, fit_motion_model
-    from scp_planner.estimation.tracks import Tracks
+    from scp_planner.tracking.motion_fitting import bounds_met, fit_motion_model
+    from scp_planner.tracking.tracks import Tracks
 
     tracks = Tracks.joined(tracks_files)
     fitted = tracks.halves()[0] if half else tracks
@@ -262,7 +262,7 @@ def fit_motion(
 
 def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
     """Load recorded tracks, each with a short name."""
-    from scp_planner.estimation.tracks import Tracks
+    from scp_planner.tracking.tracks import Tracks
 
     return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
 

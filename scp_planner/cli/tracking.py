@@ -39,7 +39,7 @@ def fit_tracking(
         raise bad_option("--probability", probability, "must be between 0 and 1")
     import numpy as np
 
-    from scp_planner.estimation.tracking import TrackingRecord, fit_tracking_tube
+    from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
 
     records = []
     for rows in _drives(drives).values():

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.motion_estimate import standardised_speed
 from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
@@ -17,6 +16,7 @@ from scp_planner.online.suspicions import SUSPICIONS, Changes, changed_motions, 
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.motion_estimate import standardised_speed
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.special import ndtr
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import marginal_scale
 from scp_planner.online.dodge_worth import WORTH, a_moment
 from scp_planner.online.dodges import WHOLE, Dodges, Size, in_parts
 from scp_planner.online.foresight import foreseen
@@ -20,6 +19,7 @@ from scp_planner.online.vetting import Moment
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Confidence, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.tracking.confidence import marginal_scale
 from scp_planner.trips.trip import Trip
 
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.certificate.ends import can_reverse
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.online.braking import braking_of
 from scp_planner.online.remaining import State
 from scp_planner.online.tolerances import OFF
 from scp_planner.scenario.models import Vehicle
 from scp_planner.scenario.scale import TOP_SPEED
 from scp_planner.settings.online import OnlineSettings
+from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.trip import Trip
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.error_laws import ErrorLaw
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.tracking.error_laws import ErrorLaw
+from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
 
 KEPT = 64
 """Predictions of a track that are kept, to see what comes of them."""

@@ -9,9 +9,6 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.confidence import alpha_of_one, uniform_scale
-from scp_planner.estimation.error_laws import NormalErrors
-from scp_planner.estimation.motion_estimate import standardised_speed
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Later, Pieces, Prediction
@@ -20,6 +17,9 @@ from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.confidence import alpha_of_one, uniform_scale
+from scp_planner.tracking.error_laws import NormalErrors
+from scp_planner.tracking.motion_estimate import standardised_speed
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 
@@ -52,7 +52,7 @@ class Level:
 class Sizing:
     leads: Array  # (n, H) Times ahead for which sizes are known, s; all but the first are the same for all
     kinds: Index  # (n,)
-    sizes: Array  # (n, H) Linear between leads; see `scp_planner.estimation.conformal.sized`
+    sizes: Array  # (n, H) Linear between leads; see `scp_planner.tracking.conformal.sized`
 
     def among(self, some: Index) -> Sizing:
         return Sizing(self.leads[some], self.kinds[some], self.sizes[some])

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.least_squares import MotionPrior, prior_rows
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
-from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.many_zones import Future, Level, lengths_of_polynomials, made_zones
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.least_squares import MotionPrior, prior_rows
+from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
+from scp_planner.tracking.recursive import SquareRoots
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask, Reals
-from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of
 from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
@@ -20,6 +19,7 @@ from scp_planner.online.suspicions import Sightings
 from scp_planner.online.tolerances import PROBABILITY
 from scp_planner.online.waves import SwingStates
 from scp_planner.settings.online import RARE
+from scp_planner.tracking.recursive import RecursiveEstimator
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,6 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.confidence import marginal_scale, outside_probability
-from scp_planner.estimation.foretelling import foretell
-from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.alarmed_zones import Alarmed, changes_among
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
@@ -49,6 +45,10 @@ from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, given_zones
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.confidence import marginal_scale, outside_probability
+from scp_planner.tracking.foretelling import foretell
+from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.tracking.recursive import SquareRoots
 
 logger = logging.getLogger(__name__)
 FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.online.arguments import (
     OutOfRangeError,
     _point,
@@ -41,6 +40,7 @@ from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.error_tube import TrackingTube
 
 logger = logging.getLogger(__name__)
 

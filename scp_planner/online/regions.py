@@ -1,4 +1,4 @@
-"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.estimation.conformal`."""
+"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.tracking.conformal`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.conformal import AdaptiveScales, region_score
-from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Sizing, times_linear
@@ -18,6 +16,8 @@ from scp_planner.online.noticing import Bank
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.conformal import AdaptiveScales, region_score
+from scp_planner.tracking.error_laws import NormalErrors
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ from functools import lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
-from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.many_zones import Future, Level, Sizing, length_rule, made_zones
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
@@ -19,6 +17,8 @@ from scp_planner.online.suspicions import Suspicions, least_variances
 from scp_planner.online.track import TRACKS, ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
+from scp_planner.tracking.recursive import SquareRoots
 
 
 class TrackKind(Enum):

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.mixtures import Mixture
+from scp_planner.tracking.recursive import SquareRoots
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,6 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.estimate import estimate_motion, given_prior
-from scp_planner.estimation.least_squares import MotionPrior
-from scp_planner.estimation.motion_estimate import MotionEstimate
-from scp_planner.estimation.motion_filter import MotionFilter
-from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
-from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.foretold import KEPT, Prediction
 from scp_planner.online.noticing import Bank
 from scp_planner.online.tolerances import LEAST_DEVIATION
@@ -31,6 +25,12 @@ from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.estimate import estimate_motion, given_prior
+from scp_planner.tracking.least_squares import MotionPrior
+from scp_planner.tracking.motion_estimate import MotionEstimate
+from scp_planner.tracking.motion_filter import MotionFilter
+from scp_planner.tracking.recursive import RecursiveEstimator, SquareRoots
+from scp_planner.tracking.tracked import tracked_motion
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import Braking, braking_of, leaving, spans_between
 from scp_planner.online.following import Deviation, Following
@@ -28,6 +27,7 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 

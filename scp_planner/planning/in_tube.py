@@ -8,9 +8,9 @@ from time import perf_counter
 
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import Certificate, Violation
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.scenario.models import Scenario
+from scp_planner.tracking.error_tube import TrackingTube
 
 
 @dataclass(frozen=True)

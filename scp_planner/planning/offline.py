@@ -31,8 +31,8 @@ from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
-    from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scp.given import UserConstraints
+    from scp_planner.tracking.error_tube import TrackingTube
 
 CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take

@@ -29,8 +29,8 @@ from scp_planner.trips.trip_file import KeyReader, trip_in
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scenario.models import Scenario
+    from scp_planner.tracking.error_tube import TrackingTube
 
 _WORK = ("wall_time", "timings", "planned")
 """Fields about the making of a plan, not about the plan."""

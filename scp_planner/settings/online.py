@@ -94,7 +94,7 @@ class Regions(StrEnum):
     MODEL = "model"
     """The estimated motion, after change detection."""
     ADAPTIVE = "adaptive"
-    """The estimated motion and its coverage so far, by obstacle and horizon; see `scp_planner.estimation.conformal`."""
+    """The estimated motion and its coverage so far, by obstacle and horizon; see `scp_planner.tracking.conformal`."""
 
 
 def _regions() -> tuple[str, ...]:
@@ -183,7 +183,7 @@ class OnlineSettings(Knobs):
         change sooner, and for more false ones, see `scp_planner.online.suspicions`. 0: only after an alarm.
     regions : Regions
         Source of the sizes of zones: ``model``, the estimated motion; ``adaptive``, that and its coverage so far, so
-        that the level is kept in the long run, see `scp_planner.estimation.conformal`.
+        that the level is kept in the long run, see `scp_planner.tracking.conformal`.
     forget_after : float
         An obstacle without observations for so long is forgotten.
     """

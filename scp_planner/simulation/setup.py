@@ -9,7 +9,6 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Model, Scenario
 from scp_planner.scenario.shapes import Shape
@@ -18,6 +17,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Script, World, as_course, drawn_course
 from scp_planner.solvers import QpSolver
+from scp_planner.tracking.error_tube import TrackingTube
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.estimate import estimate_obstacle
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import Futures, KnownMotion, Motion
 from scp_planner.threat_zones.of_scenario import motion_polynomials
+from scp_planner.tracking.estimate import estimate_obstacle
+from scp_planner.tracking.motion_estimate import PolynomialEstimate
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 Course = Callable[[Array], Array]
 """Centres (n, 2) m at times (n,) s; NaN where the obstacle is not there."""

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import LEVELS, region_scale
-from scp_planner.estimation.estimate import estimate_motion
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.files import write_rows
+from scp_planner.tracking.confidence import LEVELS, region_scale
+from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.motion_estimate import PolynomialEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -29,7 +29,7 @@ from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 
 if TYPE_CHECKING:
-    from scp_planner.estimation.motion_estimate import MotionEstimate
+    from scp_planner.tracking.motion_estimate import MotionEstimate
 
 logger = logging.getLogger(__name__)
 
@@ -179,8 +179,8 @@ def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> d
     unknown = [k for k in some if scenario.obstacles[k].motion is None]
     if not unknown:
         return {}
-    from scp_planner.estimation.foretelling import foretell
-    from scp_planner.estimation.several import estimate_together
+    from scp_planner.tracking.foretelling import foretell
+    from scp_planner.tracking.several import estimate_together
 
     found = estimate_together([scenario.obstacles[k] for k in unknown], go_on)
     estimates = dict(zip(unknown, found, strict=True))
@@ -215,8 +215,8 @@ def estimated_zone(
     obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
 ) -> ThreatZone:
     """Return the zone of an obstacle whose motion is estimated."""
-    from scp_planner.estimation.confidence import region_scale
     from scp_planner.threat_zones.widening import Split, widened, widening_of
+    from scp_planner.tracking.confidence import region_scale
 
     body, widening = obstacle.body, None
     level, probability, sharing = str(confidence.level), confidence.probability, estimated
@@ -263,12 +263,12 @@ def given_zones(
         futures = motion.futures if isinstance(motion, Futures) else ()
         kept = [one.motion for one in _by_weight(futures) if one.weight > 0.0] or [cast(KnownMotion, motion)]
         return tuple(_known_zone(name, shape, margin, one) for one in with_pauses(kept, go_on))
-    from scp_planner.estimation.confidence import alpha_of_one
+    from scp_planner.tracking.confidence import alpha_of_one
 
     level = str(confidence.level)
     alpha = alpha_of_one(level, confidence.probability, uncertain)
     if isinstance(motion, Futures) and len(motion.futures) > 1:
-        from scp_planner.estimation.risk import alpha_of_mixture
+        from scp_planner.tracking.risk import alpha_of_mixture
 
         of_one = alpha_of_mixture(level, alpha, uncertain)
         return tuple(with_pauses(_future_zones(name, shape, margin, motion, level, of_one), go_on))
@@ -286,8 +286,8 @@ def _future_zones(
     name: str, shape: Shape, margin: float, motion: Futures, level: str, alpha: float
 ) -> Iterator[ThreatZone]:
     """Yield the zones of several futures, which all together miss the obstacle with at most a probability of alpha."""
-    from scp_planner.estimation.confidence import course_scale
-    from scp_planner.estimation.risk import shared_risk, sizes_of
+    from scp_planner.tracking.confidence import course_scale
+    from scp_planner.tracking.risk import shared_risk, sizes_of
 
     futures = _by_weight(motion.futures)
     weights = np.array([one.weight for one in futures])
@@ -315,7 +315,7 @@ def _spread(motion: KnownMotion) -> float:
 
 def _course_zone(name: str, shape: Shape, margin: float, course: Course, level: str, alpha: float) -> ThreatZone:
     """Zone of a course with a covariance that misses it with a probability of at most alpha."""
-    from scp_planner.estimation.confidence import course_scale
+    from scp_planner.tracking.confidence import course_scale
 
     scale = course_scale(level, alpha, len(course.time))
     given = np.broadcast_to(np.array(course.covariance), (len(course.time), 2, 2))

@@ -10,8 +10,8 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.tracking.error_tube import TrackingTube
 
 TUBE = TrackingTube(0.01, 0.02, 0.04, max_speed=4.0, max_lateral=3.0, probability=0.95, records=40)
 POST, CROSSER = (9.0, 0.1), (14.0, -6.0)

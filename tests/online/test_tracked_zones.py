@@ -10,12 +10,12 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.arrays import Array
-from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import TRACKS
 from scp_planner.settings.online import Regions, Watch
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.estimate import estimate_motion, estimate_obstacle
 
 pytestmark = pytest.mark.numerics
 

@@ -8,11 +8,11 @@ import pytest
 
 import scp_planner as sp
 from scp_planner import files
-from scp_planner.estimation.error_laws import StudentErrors
-from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.scenario import ready_made
 from scp_planner.scenario.process_model import ProcessModel, SingerAcceleration
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.tracking.error_laws import StudentErrors
+from scp_planner.tracking.motion_filter import estimate_process
 
 TIMES = np.linspace(-1.9, 0.0, 20)
 

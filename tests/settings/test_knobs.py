@@ -17,13 +17,13 @@ import scp_planner as sp
 from scp_planner.baseline.descent_run import DescentSettings, Variant
 from scp_planner.batch import jobs
 from scp_planner.errors import SettingsError
-from scp_planner.estimation.least_squares import Noise
-from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import GiveWay, Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
+from scp_planner.tracking.least_squares import Noise
+from scp_planner.tracking.observations import Faulty, Outliers, Screening
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
 EVERY = [

@@ -16,7 +16,6 @@ import scp_planner as sp
 from benchmarks.online_faults import KINDS, injected_run
 from scp_planner import builtin
 from scp_planner.cli import app
-from scp_planner.estimation.track_files import Track
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
@@ -26,6 +25,7 @@ from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings, world_of
 from scp_planner.simulation.worlds import Script, SocialForces, VehicleState, World
+from scp_planner.tracking.track_files import Track
 
 SHORT = {"goal": {"position": (8.0, 0.0)}}
 

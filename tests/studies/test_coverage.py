@@ -10,9 +10,6 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from scp_planner.cli import app
-from scp_planner.estimation.estimate import estimate_motion
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.studies.coverage import (
     Coverage,
     load_csv,
@@ -26,6 +23,9 @@ from scp_planner.studies.coverage import (
 )
 from scp_planner.studies.recorded import measure_recorded_coverage
 from scp_planner.studies.recorded import summary as summary_of_recorded
+from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 SIGMA = np.array([[0.02, 0.009], [0.009, 0.01]])  # the study's own
 

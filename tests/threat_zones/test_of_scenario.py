@@ -9,13 +9,13 @@ import pytest
 from scenes import CROSSERS, disc, observed, scene
 
 import scp_planner as sp
-from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.estimate import estimate_obstacle
 
 pytestmark = pytest.mark.numerics
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scp_planner as sp
-from scp_planner.estimation.estimate import estimate_obstacle
+from scp_planner.tracking.estimate import estimate_obstacle
 from verification.forecasts import foretold, system_of
 
 PROCESSES: list[dict[str, Any]] = [

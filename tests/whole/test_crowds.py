@@ -14,9 +14,9 @@ from benchmarks.crowds import __main__ as crowds
 from benchmarks.crowds import policies, recorded
 from benchmarks.report.__main__ import main as write_page
 from scp_planner.arrays import Array
-from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.tracks import Tracks
 from scp_planner.simulation.crowds import circle_crossing
+from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Tracks
 
 
 def test_closest_is_that_of_many_points_between() -> None:

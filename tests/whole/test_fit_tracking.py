@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from scp_planner.cli import app
-from scp_planner.estimation.tracking import TrackingRecord, fit_tracking_tube
+from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
 
 HEADER = "drive,speed,curvature,error,note"
 

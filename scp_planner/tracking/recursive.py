@@ -1,0 +1,303 @@
+"""Estimates that are updated with each observation, in time that does not grow with their number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.errors import EstimationError
+from scp_planner.tracking.error_laws import ErrorLaw, NormalErrors
+from scp_planner.tracking.estimate import HIGHEST_ORDER
+from scp_planner.tracking.least_squares import Extent, Moments, MotionPrior, Noise, estimated_noise, prior_rows
+from scp_planner.tracking.motion_estimate import PolynomialEstimate, shift_powers
+from scp_planner.tracking.observations import check_covariance, usable
+
+
+@dataclass(frozen=True)
+class SquareRoots:
+    """Square roots of the information about K motions: R c = d for the coefficients c of powers of t - center."""
+
+    factor: Array  # R, triangular
+    right: Array  # d, m; relative to the origins
+    center: Array
+    origin: Array
+    first: Array  # Times of the first and the last observation
+    last: Array  # Times of the first and the last observation
+
+    def of(self, some: Index) -> SquareRoots:
+        """Select some of the motions."""
+        # Contiguous: so an estimate has the same bits beside others as alone.
+        return SquareRoots(**{name: np.ascontiguousarray(value[some]) for name, value in vars(self).items()})
+
+    @classmethod
+    def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
+        """Concatenate."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Differences of new observations of K obstacles from their predictions."""
+
+    scaled: Array  # The difference times ``share``; with the covariance of an observation
+    share: Array  # Deviation of an observation over that of the difference, which the estimate adds to
+
+
+class RecursiveEstimator:
+    """Polynomial motions of K obstacles, each updated in O(1) by each of its observations."""
+
+    least_deviation: float = 0.0  # Of a noise that is estimated, besides those of `estimated_noise`, m
+
+    def __init__(
+        self,
+        obstacles: int = 1,
+        order: int = 2,
+        covariance: ArrayLike | None = None,
+        *,
+        varying: bool = False,
+    ) -> None:
+        if order not in range(HIGHEST_ORDER + 1):
+            raise EstimationError(f"order: {order!r} is not 0, 1 or 2")
+        if varying and covariance is not None:
+            raise EstimationError("covariance: one that varies comes with each observation, not before")
+        self.order = order
+        self._varying = varying
+        sigma = None if covariance is None else check_covariance(covariance, obstacles)
+        self._sigma = None if sigma is None else np.broadcast_to(sigma, (obstacles, 2, 2))
+        p = order + 1
+        # p unknowns with two right-hand sides, x and y; or 2 p unknowns that varying covariances tie together
+        m, sides = (2 * p, 1) if varying else (p, 2)
+        self._unknowns = m
+        self._factor = np.zeros((m, m + sides, obstacles))  # [R d]
+        self._scatter = np.zeros((sides, sides, obstacles))  # of the residuals
+        self._noise_sum = np.zeros((obstacles, 2, 2))
+        self._center, self._origin = np.zeros(obstacles), np.zeros((obstacles, 2))
+        self._first, self._last = np.full(obstacles, math.inf), np.full(obstacles, -math.inf)
+        self._left, self._shrunk = np.zeros((sides, obstacles)), np.ones(obstacles)
+        self._newest = np.full((obstacles, 2), math.nan)  # position of what came last in time
+        self._count = np.zeros(obstacles, dtype=np.intp)
+
+    @property
+    def observations(self) -> Index:
+        """Number of observations of each estimate, (K,)."""
+        return self._count.copy()
+
+    @property
+    def roots(self) -> SquareRoots:
+        """Square roots from which many estimates are made at once."""
+        m = self._unknowns
+        return SquareRoots(
+            self._factor[:, :m].transpose(2, 0, 1),
+            self._factor[:, m:].transpose(2, 0, 1),
+            self._center,
+            self._origin,
+            self._first,
+            self._last,
+        )
+
+    @property
+    def innovations(self) -> Innovations:
+        """Innovations of the last update; none for covariances that vary."""
+        return Innovations(self._left, self._shrunk)
+
+    def grow(self, obstacles: int) -> None:
+        """Make room for more obstacles, so many in all, of which nothing has been seen."""
+        given = None if self._sigma is None else np.eye(2)
+        fresh = RecursiveEstimator(obstacles, self.order, given, varying=self._varying)
+        old = len(self._count)
+        for name, value in vars(fresh).items():
+            if isinstance(value, np.ndarray):
+                value = value.copy() if name == "_sigma" else value  # it is one for all
+                last = name in ("_factor", "_scatter", "_left", "_shrunk")
+                (value[..., :old] if last else value[:old])[...] = getattr(self, name)
+                setattr(self, name, value)
+
+    def set_covariance(self, obstacle: int, covariance: Array) -> None:
+        """Change the known covariance (2, 2), m^2, of the observations of an obstacle."""
+        if self._sigma is None:
+            raise EstimationError("covariance: it is not known here")
+        if not self._sigma.flags.writeable:
+            self._sigma = self._sigma.copy()
+        self._sigma[obstacle] = covariance
+
+    def reset(self, obstacle: int = 0) -> None:
+        """Forget all that was seen of an obstacle."""
+        self._factor[..., obstacle] = self._scatter[..., obstacle] = 0.0
+        self._count[obstacle] = 0
+        self._noise_sum[obstacle] = 0.0
+        self._first[obstacle], self._last[obstacle] = math.inf, -math.inf
+        self._newest[obstacle] = math.nan
+
+    def update(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        covariance: ArrayLike | None = None,
+        seen: ArrayLike | None = None,
+    ) -> Mask:
+        """Take in at most one observation of each obstacle."""
+        count = len(self._count)
+        t = np.broadcast_to(np.asarray(times, dtype=float), (count,))
+        z = np.asarray(positions, dtype=float)
+        if z.shape != (count, 2):
+            raise EstimationError(f"positions: their shape is {z.shape}; must be ({count}, 2)")
+        used = usable(t, z, seen, self._last, self._newest)
+        if self._varying is (covariance is None):
+            raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
+        sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
+        everything = bool(used.all())
+        if not everything:
+            t, z = np.where(used, t, self._center), np.where(used[:, None], z, self._origin)
+        new = used & (self._count == 0)
+        if new.any():
+            self._center[new], self._origin[new] = t[new], z[new]
+        rows = self._rows(t, z, sigma)
+        if not everything:
+            rows *= used
+        self._absorb(rows)
+        self._count += used
+        if sigma is not None:
+            self._noise_sum[used] += sigma[used]
+        np.copyto(self._newest, z, where=(used & (t >= self._last))[:, None])
+        np.minimum(self._first, t, out=self._first, where=used)
+        np.maximum(self._last, t, out=self._last, where=used)
+        return used
+
+    def update_row(self, some: slice, times: Array, positions: Array) -> None:
+        """Take in the newest observation each of obstacles in a row, which nothing is wrong with."""
+        new = self._count[some] == 0
+        if new.any():
+            np.copyto(self._center[some], times, where=new)
+            np.copyto(self._first[some], times, where=new)
+            np.copyto(self._origin[some], positions, where=new[:, None])
+        self._absorb(self._rows(times, positions, None, some), some)
+        self._count[some] += 1
+        self._newest[some], self._last[some] = positions, times
+
+    def estimate(self, obstacle: int = 0, prior: MotionPrior | None = None) -> PolynomialEstimate:
+        """Give the estimate of one obstacle, the same as `estimate_motion` makes of its observations."""
+        n, p, k = int(self._count[obstacle]), self.order + 1, obstacle
+        known = self._varying or self._sigma is not None
+        if prior_rows(prior, 0.0, 1.0, p) is None:
+            prior = None  # it says nothing about a motion of this order
+        distinct = p if prior is None else 0
+        least = p + 2 if not known else max(distinct, 1)
+        if n < least:
+            raise EstimationError(f"obstacle {k}: {n} observations are too few for order {self.order}; need {least}")
+        m = self._unknowns
+        r, d = self._factor[:, :m, k], self._factor[:, m:, k]
+        if distinct and not np.all(np.abs(np.diag(r)) > 0.0):
+            raise EstimationError(f"obstacle {k}: its observations are at too few times for order {self.order}")
+        errors: ErrorLaw = NormalErrors()
+        regressors: int | None = p
+        if self._varying or prior is not None:
+            sigma = self._noise_sum[k] / n if self._varying else self._noise(k)[0]
+            errors = NormalErrors() if known else self._noise(k)[1]
+            coefficients, covariance = self._general(k, None if self._varying else sigma, prior)
+            regressors = None
+        else:
+            sigma, errors = self._noise(k)
+            inverse = np.asarray(np.linalg.inv(r), dtype=float)
+            coefficients = inverse @ d
+            covariance = np.einsum("jk,ab->jakb", inverse @ inverse.T, sigma)
+        last = float(self._last[k])
+        middle, scale = self._where_the_weight_is(k)
+        # s = (t - middle) / scale in place of u = t - center
+        shift = shift_powers(p, middle - self._center[k], 1.0 / scale)
+        coefficients = shift @ coefficients
+        coefficients[0] += self._origin[k]
+        covariance = np.einsum("ij,jakb,lk->ialb", shift, covariance, shift)
+        return PolynomialEstimate(
+            last, self.order, n, sigma, errors, regressors, middle, scale, coefficients, covariance
+        )
+
+    def _where_the_weight_is(self, k: int) -> tuple[float, float]:
+        """Give the weighted mean and deviation of the times seen, s, from X'WX = R'R."""
+        center, step = float(self._center[k]), self._unknowns // (self.order + 1)
+        if self.order == 0:
+            return center, 1.0
+        r = self._factor[:, : self._unknowns : step, k]
+        weight, first, second = (float(r[:, 0] @ r[:, 0]), float(r[:, 0] @ r[:, 1]), float(r[:, 1] @ r[:, 1]))
+        variance = second / weight - (first / weight) ** 2
+        return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
+
+    def _powers(self, t: Array, some: slice = slice(None)) -> Array:
+        u = t - self._center[some]
+        rows = np.empty((self.order + 1, len(u)))
+        rows[0] = 1.0
+        for j in range(1, self.order + 1):
+            np.multiply(rows[j - 1], u, out=rows[j])
+        return rows
+
+    def _rows(self, t: Array, z: Array, sigma: Array | None, some: slice = slice(None)) -> Array:
+        """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
+        powers, offset = self._powers(t, some), (z - self._origin[some]).T
+        if sigma is None:
+            return np.concatenate([powers, offset])[None]
+        whiten = np.linalg.inv(np.linalg.cholesky(sigma))
+        design = np.einsum("jk,kab->ajbk", powers, whiten).reshape(2, self._unknowns, len(t))
+        return np.concatenate([design, np.einsum("kab,bk->ak", whiten, offset)[:, None]], axis=1)
+
+    def _absorb(self, rows: Array, some: slice = slice(None)) -> None:
+        """Rotate new rows into the factor; what is left of them is a residual."""
+        m, factor, shrunk = self._unknowns, self._factor[..., some], self._shrunk[some]
+        for row in rows:
+            shrunk.fill(1.0)
+            for j in range(m):
+                pivot, entry = factor[j, j], row[j]
+                length = np.hypot(pivot, entry)
+                if not length.all():
+                    pivot = np.where(length == 0.0, 1.0, pivot)
+                    length = np.where(length == 0.0, 1.0, length)
+                cosine, sine = pivot / length, entry / length
+                upper, lower = factor[j, j:], row[j:]
+                rotated = cosine * upper + sine * lower
+                lower *= cosine
+                lower -= sine * upper
+                factor[j, j:] = rotated
+                shrunk *= cosine
+            rest = row[m:]
+            self._left[:, some] = rest
+            self._scatter[..., some] += rest[:, None] * rest[None]
+
+    def _noise(self, k: int) -> tuple[Array, ErrorLaw]:
+        if self._sigma is not None:
+            return self._sigma[k], NormalErrors()
+        degrees = float(self._count[k]) - self._unknowns
+        told = self._factor[:, self._unknowns :, k]
+        square = float(np.sum(told * told) + np.trace(self._scatter[..., k]))
+        extent = Extent(square, self._origin[k], self.least_deviation)
+        return estimated_noise(self._scatter[..., k], Moments(degrees, degrees), Noise.GENERAL, extent)
+
+    def _general(self, k: int, sigma: Array | None, prior: MotionPrior | None) -> tuple[Array, Array]:
+        """Solve for all 2 p coefficients together: with varying covariances, with a prior, or both."""
+        m, p = self._unknowns, self.order + 1
+        design, target = self._factor[:, :m, k], self._factor[:, m:, k]
+        middle = design.T @ design
+        if sigma is not None:
+            whiten = np.linalg.inv(np.linalg.cholesky(sigma))
+            target = (target @ whiten.T).reshape(2 * p)
+            design = _each_with_all(design, whiten)
+            middle = _each_with_all(middle, whiten.T @ whiten)
+        target = target.reshape(2 * p)
+        rows = prior_rows(prior, float(self._last[k] - self._center[k]), 1.0, p)
+        if rows is not None:
+            design, target = np.vstack([design, rows[0]]), np.concatenate([target, rows[1]])
+            middle = middle + rows[0].T @ rows[0]
+        if np.linalg.matrix_rank(design / np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)) < 2 * p:
+            raise EstimationError(f"obstacle {k}: what was seen does not determine a motion of order {self.order}")
+        q, r = np.linalg.qr(design)
+        inverse = np.linalg.inv(r)
+        covariance = inverse @ (inverse.T @ middle @ inverse) @ inverse.T
+        return (inverse @ (q.T @ target)).reshape(p, 2), covariance.reshape(p, 2, p, 2)
+
+
+def _each_with_all(first: Array, second: Array) -> Array:
+    """Kronecker product of two matrices; `numpy.kron` takes ten times as long."""
+    product: Array = first[:, None, :, None] * second[:, None, :]
+    return product.reshape(len(first) * len(second), -1)

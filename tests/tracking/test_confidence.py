@@ -1,0 +1,216 @@
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import observed, scene
+from scipy import integrate, optimize, stats
+
+from scp_planner.errors import EstimationError
+from scp_planner.tracking.confidence import LEVELS, excursion_bound, region_scale, shared_alpha, uniform_scale
+from scp_planner.tracking.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.tracking.estimate import estimate_motion, estimate_obstacle
+from scp_planner.tracking.motion_estimate import MotionEstimate
+
+pytestmark = pytest.mark.numerics
+
+LAWS: list[ErrorLaw] = [
+    NormalErrors(),
+    HotellingErrors(2),
+    HotellingErrors(7),
+    HotellingErrors(4.5),
+    StudentErrors(3.3),
+    StudentErrors(40),
+]
+
+
+def estimate(order: int = 2, known: bool = True, count: int = 12) -> MotionEstimate:
+    rng = np.random.default_rng(3)
+    times = 0.1 * np.arange(count)
+    return estimate_motion(times, rng.normal(size=(count, 2)), np.eye(2) if known else None, order)
+
+
+@pytest.mark.parametrize("alpha", [0.5, 0.1, 0.05, 1e-6])
+def test_pointwise_scales_are_the_textbook_quantiles(alpha: float) -> None:
+    assert NormalErrors().pointwise_scale(alpha) == pytest.approx(stats.chi2.isf(alpha, 2), rel=1e-12)
+    for n, p in ((6, 3), (10, 3), (40, 2)):  # the form of the published method, with n observations
+        quantile = 2 * (n - p) / (n - p - 1) * stats.f.isf(alpha, 2, n - p - 1)
+        assert HotellingErrors(n - p).pointwise_scale(alpha) == pytest.approx(quantile, rel=1e-9)
+    assert StudentErrors(5).pointwise_scale(alpha) == pytest.approx(2 * stats.f.isf(alpha, 2, 5), rel=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("alpha", [0.5, 0.05, 1e-4])
+def test_exceedance_undoes_the_pointwise_scale(law: ErrorLaw, alpha: float) -> None:
+    assert law.exceedance(law.pointwise_scale(alpha)) == pytest.approx(alpha, rel=1e-12)
+
+
+def test_estimated_scales_tend_to_the_known_ones() -> None:
+    for law in (HotellingErrors(1e7), StudentErrors(1e7)):
+        for q in (1.0, 6.0, 12.0):
+            assert law.exceedance(q) == pytest.approx(NormalErrors().exceedance(q), rel=1e-4)
+            assert law.exit_rate(q) == pytest.approx(NormalErrors().exit_rate(q), rel=1e-4)
+
+
+@pytest.mark.parametrize("regressors", [1, 2, 3])
+def test_largest_eigenvalue_of_a_wishart_matrix(regressors: int) -> None:
+    """The joint density of the eigenvalues, integrated."""
+    a = 0.5 * (regressors - 3)
+
+    def tail(q: float) -> float:
+        if regressors == 1:
+            return float(stats.chi2.sf(q, 2))
+
+        def density(small: float, large: float) -> float:
+            # small = s^2: takes the root singularity at 0 out for two regressors
+            return 2.0 * small * (small**2 * large) ** a * math.exp(-0.5 * (small**2 + large)) * (large - small**2)
+
+        above = integrate.dblquad(density, q, 120.0, 0.0, lambda large: math.sqrt(large))[0]
+        whole = integrate.dblquad(density, 0.0, 120.0, 0.0, lambda large: math.sqrt(large))[0]
+        return above / whole
+
+    for q in (0.7, 6.0, 15.0):
+        assert NormalErrors().largest_root_exceedance(q, regressors) == pytest.approx(tail(q), rel=1e-6)
+
+
+@pytest.mark.parametrize("regressors", [1, 2, 3])
+@pytest.mark.parametrize("degrees", [3, 9])
+def test_largest_root_of_roy_by_simulation(regressors: int, degrees: int) -> None:
+    rng = np.random.default_rng([regressors, degrees])
+    runs = 40_000
+    h, e = rng.normal(size=(runs, regressors, 2)), rng.normal(size=(runs, degrees, 2))
+    h, e = np.swapaxes(h, 1, 2) @ h, np.swapaxes(e, 1, 2) @ e
+    roots = degrees * np.linalg.eigvals(np.linalg.solve(e, h)).real.max(axis=1)
+    law = HotellingErrors(degrees)
+    for level in (0.5, 0.9, 0.97):
+        q = float(np.quantile(roots, level))
+        error = math.sqrt(level * (1 - level) / runs)
+        assert law.largest_root_exceedance(q, regressors) == pytest.approx(1 - level, abs=4 * error)
+
+
+@cache
+def smallest_roots(law: ErrorLaw) -> np.ndarray:
+    """Simulated, of two regressors, (200,000,)."""
+    rng = np.random.default_rng(5)
+    runs = 200_000
+    h = rng.normal(size=(runs, 2, 2))
+    if isinstance(law, HotellingErrors):
+        e = rng.normal(size=(runs, int(law.degrees_of_freedom), 2))
+        root = np.linalg.cholesky(np.swapaxes(e, 1, 2) @ e / law.degrees_of_freedom)
+        h = np.linalg.solve(root, h)
+    return np.asarray(np.linalg.svd(h, compute_uv=False)[:, -1] ** 2)
+
+
+@pytest.mark.parametrize("q", [2.0, 6.0, 25.0])
+@pytest.mark.parametrize("law", [NormalErrors(), HotellingErrors(4), HotellingErrors(15)])
+def test_exits_of_a_straight_line_make_up_the_largest_root(law: ErrorLaw, q: float) -> None:
+    """Two regressors, all times: the level curve is crossed once upwards, except if it is exceeded everywhere.
+
+    So P(largest root > q) = pi * exit rate + P(smallest root > q); the latter is simulated.
+    """
+    smallest = smallest_roots(law)
+    runs = len(smallest)
+    everywhere = float(np.mean(smallest > q))
+    expected = math.pi * law.exit_rate(q) + everywhere
+    error = math.sqrt(max(everywhere, 1 / runs) / runs)
+    assert law.largest_root_exceedance(q, 2) == pytest.approx(expected, abs=4 * error)
+
+
+@pytest.mark.parametrize("q", [1.0, 6.0, 30.0])
+def test_student_laws_average_the_normal_one(q: float) -> None:
+    nu = 4.2
+    normal, student = NormalErrors(), StudentErrors(nu)
+    for of in ("exceedance", "exit_rate"):
+        average = integrate.quad(lambda s, of=of: getattr(normal, of)(q * s / nu) * stats.chi2.pdf(s, nu), 0, 200)[0]
+        assert getattr(student, of)(q) == pytest.approx(average, rel=1e-7)
+
+
+@given(st.floats(1e-9, 0.5), st.integers(1, 500))
+def test_shares_of_alpha_multiply_to_the_whole(alpha: float, obstacles: int) -> None:
+    each = shared_alpha(alpha, obstacles)
+    assert alpha / obstacles <= each * (1 + 1e-12)  # never less than Bonferroni's
+    assert -math.expm1(obstacles * math.log1p(-each)) == pytest.approx(alpha, rel=1e-9)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("probability", [5e-324, 1e-300, 1e-17, 1e-9])
+def test_a_region_of_hardly_any_probability_is_small(level: str, probability: float) -> None:
+    scenario = scene(observed("seen", 3))
+    scale = region_scale(level, probability, estimate_obstacle(scenario.obstacles[0]), obstacles=4, start=0.0, stop=5.0)
+    assert 0.0 < scale < region_scale(level, 0.5, estimate_obstacle(scenario.obstacles[0]), start=0.0, stop=5.0)
+
+
+@given(st.sampled_from(LAWS), st.floats(1e-5, 0.4), st.floats(0.0, 20.0))
+def test_uniform_scale_solves_its_equation(law: ErrorLaw, alpha: float, length: float) -> None:
+    scale = uniform_scale(alpha, length, law)
+    assert scale >= law.pointwise_scale(alpha)
+    if length == 0.0:
+        assert scale == law.pointwise_scale(alpha)
+    elif scale > law.pointwise_scale(alpha):
+        assert excursion_bound(scale, length, law) == pytest.approx(alpha, rel=1e-9)
+
+
+def test_uniform_scale_agrees_with_a_root_finder() -> None:
+    law = HotellingErrors(9)
+    root = optimize.brentq(lambda q: excursion_bound(q, 0.9, law) - 0.03, 1.0, 1e3, xtol=1e-12)
+    assert uniform_scale(0.03, 0.9, law) == pytest.approx(root, rel=1e-10)
+
+
+def test_no_more_than_the_largest_root_is_asked_for() -> None:
+    """A straight line over all times meets every regressor: the largest root is exact, and less than the bound."""
+    law = NormalErrors()
+    scale = uniform_scale(0.05, math.pi, law, regressors=2)
+    assert scale < uniform_scale(0.05, math.pi, law)
+    assert law.largest_root_exceedance(scale, 2) == pytest.approx(0.05, rel=1e-9)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_stronger_promises_need_larger_regions(order: int, known: bool) -> None:
+    seen = estimate(order, known)
+    scales = [region_scale(level, 0.95, seen, obstacles=5, start=1.1) for level in LEVELS]
+    assert scales == sorted(scales)
+    assert (scales[0] == scales[1]) is (order == 0)  # one and the same error at all times
+    assert region_scale("joint", 0.95, seen, obstacles=1, start=1.1) == scales[1]
+    assert region_scale("per_obstacle", 0.95, seen, start=1.1, stop=2.0) <= scales[1]
+    assert region_scale("per_obstacle", 0.95, seen) >= scales[1]
+
+
+def test_one_exact_case() -> None:
+    """Figures that a reader can check: chi-square, and 5 obstacles by Sidak."""
+    seen = estimate(0)
+    assert region_scale("per_time", 0.95, seen) == pytest.approx(5.991464547, rel=1e-9)
+    each = stats.chi2.ppf(0.95**0.2, 2)
+    assert region_scale("joint", 0.95, seen, obstacles=5) == pytest.approx(each, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("sometimes", 0.95), "level: 'sometimes' is not one of per_time, per_obstacle, joint"),
+        (("joint", 1.0), "probability: 1.0 is not between 0 and 1"),
+        (("joint", math.nan), "probability: nan"),
+    ],
+)
+def test_misuse_is_named(arguments: tuple[str, float], message: str) -> None:
+    with pytest.raises(EstimationError, match=message):
+        region_scale(*arguments, estimate())
+
+
+def test_faulty_numbers_are_named() -> None:
+    with pytest.raises(EstimationError, match="obstacles: 0 is not a positive number"):
+        region_scale("joint", 0.95, estimate(), obstacles=0)
+    with pytest.raises(EstimationError, match="at least 2 are needed"):
+        HotellingErrors(1)
+    with pytest.raises(EstimationError, match="degrees of freedom: 0"):
+        StudentErrors(0)
+    with pytest.raises(EstimationError, match="length: nan"):
+        uniform_scale(0.05, math.nan, NormalErrors())
+    with pytest.raises(EstimationError, match="unbounded"):
+        uniform_scale(0.05, math.inf, NormalErrors())
+    with pytest.raises(EstimationError, match="start 2 is after"):
+        region_scale("joint", 0.95, estimate(), start=2, stop=1)
