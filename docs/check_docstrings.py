@@ -44,6 +44,7 @@ A_CLASS = re.compile(
     r"(?:(?:tuple|Row)\[)?[A-Z][A-Za-z]*(?:(?:, \.\.\.)?\])?(?: \| None)?"
 )  # which is documented itself
 ARRAY = re.compile(r"\b(?:ArrayLike|Array|NDArray)\b")
+HELD = re.compile(r"(?:OfParts|TakenAs)\[(.+?)(?:, .*)?\]")  # what a field holds, whatever it is built from
 
 
 def shown_names() -> frozenset[str]:
@@ -195,6 +196,8 @@ def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringS
         if not member.is_attribute or name.startswith("_") or "property" in member.labels:
             continue
         kind, value = str(member.annotation or ""), str(member.value or "")  # type: ignore[union-attr]
+        if held := HELD.fullmatch(kind):
+            kind = held[1]
         if (
             "Rule" in kind or not kind or "Range(" in kind or "Above(" in kind or A_CLASS.fullmatch(kind)
         ):  # a range has its unit

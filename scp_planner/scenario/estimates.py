@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from pydantic import Field
 
 from scp_planner.scenario.tolerances import INDEPENDENT, SYMMETRY
-from scp_planner.scenario.validation import Objection, Part, Rule
+from scp_planner.scenario.validation import Numbers, Objection, OfNumbers, Part, Rule, TakenAs, by_default
 from scp_planner.scenario.values import Number, Rate, RateNumber, Vector
 
 
@@ -62,9 +62,11 @@ class Estimate(Part):
     rules: ClassVar[tuple[Rule, ...]] = (_covariance_is_of_the_state,)
 
     time: Number = Field(description="s, on the clock of start.time")
-    position: Vector = Field(description="[x, y], m")
-    velocity: Rate = Field(description="[x, y], m/s")
-    acceleration: Rate | None = Field(default=None, description="[x, y], m/s2; null: the tracker has none")
-    covariance: tuple[tuple[RateNumber, ...], ...] = Field(
+    position: OfNumbers[Vector] = Field(description="[x, y], m")
+    velocity: OfNumbers[Rate] = Field(description="[x, y], m/s")
+    acceleration: TakenAs[Rate | None, Numbers | None] = by_default(
+        None, description="[x, y], m/s2; null: the tracker has none"
+    )
+    covariance: OfNumbers[tuple[tuple[RateNumber, ...], ...]] = Field(
         description="of x, y, vx, vy (4 rows of 4) or of x, y, vx, vy, ax, ay (6 of 6), in m and s"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
@@ -29,7 +29,7 @@ from scp_planner.scenario.motions import Covariance, GivenMotion, all_timed
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
-from scp_planner.scenario.validation import Part, Row, Rule, faults_of
+from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, Rate, RateNumber, Text, Vector
 
 MOST_OBSTACLES = 20_000
@@ -76,8 +76,8 @@ class Vehicle(Part):
         default=None,
         description="acceleration along the path times speed, as of a motor by the mass, m2/s3; null: unbounded",
     )
-    steering: Steering = Field(
-        default=Steering.AHEAD,
+    steering: TakenAs[Steering, Steering | str] = by_default(
+        Steering.AHEAD,
         description="online, in which directions it can set out: ahead, along its heading; both_ways, from a stand also"
         " backwards; on_the_spot, from a stand in any direction; any, at any time in any direction",
     )
@@ -86,8 +86,8 @@ class Vehicle(Part):
         description="how far the middle of the vehicle is ahead of the reference point, towards its front also while it"
         " drives backwards, m; goal.region holds it",
     )
-    discs: Annotated[Row[Number], Field(min_length=1)] = Field(
-        default=(0.0,),
+    discs: OfNumbers[Annotated[Row[Number], Field(min_length=1)]] = by_default(
+        (0.0,),
         description="where the centres of the discs that cover a long vehicle are on its axis, m ahead of the reference"
         " point, which follows the path; one of them at 0",
     )
@@ -99,7 +99,7 @@ class Start(Part):
     rules: ClassVar[tuple[Rule, ...]] = (checks.heading_is_in_radians,)
 
     time: Number = Field(description="s, on the clock of the obstacles")
-    position: Vector = Field(description="[x, y], m")
+    position: OfNumbers[Vector] = Field(description="[x, y], m")
     heading: Number | None = Field(default=None, description="rad; null: free")
     speed: NotNegative = Field(description="m/s")
     acceleration: RateNumber | None = Field(default=None, description="along the path, m/s2; null: free")
@@ -116,23 +116,23 @@ class Goal(Part):
         goal_checks.ranges_are_not_empty,
     )
 
-    position: Vector = Field(
+    position: OfNumbers[Vector] = Field(
         description="[x, y], m; in a region, if one is given, or beside it by vehicle.centre; or left out: then just"
         " inside it, where it is nearest"
     )
     heading: Number | None = Field(default=None, description="rad; null: free")
     speed: NotNegative | None = Field(default=None, description="m/s; null: free")
     radius: NotNegative = Field(default=0.0, description="anywhere this near to the position will do, m")
-    region: Polygon | None = Field(
-        default=None,
+    region: TakenAs[Polygon | None, Numbers | None] = by_default(
+        None,
         description="polygon [[x, y], ...], m, in place of a radius: the middle of the vehicle may be anywhere in that"
         " convex part of it that is nearest to the position; null: none",
     )
-    heading_range: tuple[Number, Number] | None = Field(
-        default=None, description="[least, largest] heading, rad, to the left from the least one; null: any"
+    heading_range: TakenAs[tuple[Number, Number] | None, Numbers | None] = by_default(
+        None, description="[least, largest] heading, rad, to the left from the least one; null: any"
     )
-    speed_range: tuple[NotNegative, NotNegative] | None = Field(
-        default=None, description="[least, largest] speed, m/s; null: any"
+    speed_range: TakenAs[tuple[NotNegative, NotNegative] | None, Numbers | None] = by_default(
+        None, description="[least, largest] speed, m/s; null: any"
     )
     arrival_step: Positive | None = Field(
         default=None,
@@ -153,8 +153,8 @@ class Bounds(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.box_is_not_empty,)
 
-    min: Vector = Field(description="lower left corner [x, y], m")
-    max: Vector = Field(description="upper right corner [x, y], m")
+    min: OfNumbers[Vector] = Field(description="lower left corner [x, y], m")
+    max: OfNumbers[Vector] = Field(description="upper right corner [x, y], m")
 
 
 class SpeedLimit(Part):
@@ -171,8 +171,8 @@ class SpeedLimit(Part):
     )
     to: Positive | None = Field(default=None, description="where it ends, m along the line; null: with the line")
     speed: Positive = Field(description="m/s")
-    line: Annotated[Row[Vector], Field(min_length=2)] | None = Field(
-        default=None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
+    line: TakenAs[Polyline | None, Numbers | None] = by_default(
+        None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
     )
 
 
@@ -193,7 +193,7 @@ class Confidence(Part):
     probability: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(
         default=0.95, description="greater than 0 and less than 1"
     )
-    level: ConfidenceLevel = ConfidenceLevel.JOINT
+    level: TakenAs[ConfidenceLevel, ConfidenceLevel | str] = by_default(ConfidenceLevel.JOINT)
 
 
 class Observations(Part):
@@ -206,10 +206,10 @@ class Observations(Part):
         obstacle_checks.covariance_is_definite,
     )
 
-    time: Row[Number] = Field(description="s, increasing")
-    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
-    covariance: Covariance | None = Field(
-        default=None, description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated"
+    time: OfNumbers[Row[Number]] = Field(description="s, increasing")
+    position: OfNumbers[Row[Vector]] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: TakenAs[Covariance | None, Numbers | None] = by_default(
+        None, description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated"
     )
 
 
@@ -218,9 +218,9 @@ class Prior(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_says_something,)
 
-    velocity: Rate = Field(default=(0.0, 0.0), description="expected [x, y], m/s")
+    velocity: OfNumbers[Rate] = by_default((0.0, 0.0), description="expected [x, y], m/s")
     velocity_deviation: Positive | None = Field(default=None, description="of each component, m/s; null: unknown")
-    acceleration: Rate = Field(default=(0.0, 0.0), description="expected [x, y], m/s2")
+    acceleration: OfNumbers[Rate] = by_default((0.0, 0.0), description="expected [x, y], m/s2")
     acceleration_deviation: Positive | None = Field(default=None, description="of each component, m/s2; null: unknown")
 
 
@@ -235,14 +235,17 @@ class Model(Part):
     order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
         default=2, description="0 standing, 1 constant velocity, 2 constant acceleration"
     )
-    prior: Prior | None = Field(default=None, description="of velocity and acceleration; null: none")
+    prior: OfParts[Prior | None] = by_default(None, description="of velocity and acceleration; null: none")
     manoeuvre: NotNegative = Field(
         default=0.0,
         description="standard deviation of each component of a change of acceleration that may begin with the last"
         " observation, m/s2",
     )
-    process: Annotated[ProcessModel | None, BeforeValidator(ready_made.process_by_name)] = Field(
-        default=None,
+    process: TakenAs[
+        Annotated[ProcessModel | None, BeforeValidator(ready_made.process_by_name)],
+        ProcessModel | Mapping[str, Any] | str | None,
+    ] = by_default(
+        None,
         description="motion with process noise in place of order and prior, or the name of its file beside this"
         " one, or of a ready-made one; null: none",
         json_schema_extra=also_a_file_name,
@@ -292,18 +295,20 @@ class Obstacle(Part):
     )
 
     id: Text = Field(description="text, unique")
-    shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
-    motion: GivenMotion | None = Field(
-        default=None, description="known exactly, or predicted; {futures: [...]}: several that are possible"
+    shape: OfParts[Shape] = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
+    motion: OfParts[GivenMotion | None] = by_default(
+        None, description="known exactly, or predicted; {futures: [...]}: several that are possible"
     )
-    observations: Observations | None = Field(default=None, description="from which the motion is estimated")
-    estimate: Estimate | None = Field(
-        default=None, description="what a tracker says, from which the motion is foretold"
+    observations: OfParts[Observations | None] = by_default(None, description="from which the motion is estimated")
+    estimate: OfParts[Estimate | None] = by_default(
+        None, description="what a tracker says, from which the motion is foretold"
     )
-    model: Annotated[Model, BeforeValidator(ready_made.model_by_name)] = Field(
-        default=Model(),
-        description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
-        json_schema_extra=ready_made.or_its_name,
+    model: TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str] = (
+        by_default(
+            Model(),
+            description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
+            json_schema_extra=ready_made.or_its_name,
+        )
     )
     margin: NotNegative = Field(default=0.0, description="extra clearance, m")
 
@@ -369,32 +374,38 @@ class Scenario(Part):
         json_schema_extra={"const": 1},
     )
     name: Text = Field(default="unnamed", description="text")
-    vehicle: Vehicle
-    start: Start
-    goal: Goal
-    guide: Annotated[Polyline | None, BeforeValidator(_sampled)] = Field(
-        default=None,
+    vehicle: OfParts[Vehicle]
+    start: OfParts[Start]
+    goal: OfParts[Goal]
+    guide: TakenAs[
+        Annotated[Polyline | None, BeforeValidator(_sampled)], Numbers | Callable[[float], Numbers] | None
+    ] = by_default(
+        None,
         description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
     )
-    bounds: Bounds | None = Field(default=None, description="box that the vehicle's disc stays inside; null: none")
-    corridor: Annotated[Row[Polygon], Field(min_length=1)] | None = Field(
-        default=None,
+    bounds: OfParts[Bounds | None] = by_default(
+        None, description="box that the vehicle's disc stays inside; null: none"
+    )
+    corridor: TakenAs[Annotated[Row[Polygon], Field(min_length=1)] | None, Sequence[Numbers] | None] = by_default(
+        None,
         description=f"convex polygons [[[x, y], ...], ...] of at most {SIZE.most_corners} corners that overlap; the"
         " vehicle's disc stays inside their union; null: none",
     )
-    walls: Row[Polygon] = Field(
-        default=(),
+    walls: TakenAs[Row[Polygon], Sequence[Numbers]] = by_default(
+        (),
         description="convex polygons [[[x, y], ...], ...] that stand and that no disc of the vehicle enters, such as"
         " what lies beside a road",
     )
-    lanes: Row[Polyline] = Field(
-        default=(),
+    lanes: TakenAs[Row[Polyline], Sequence[Numbers]] = by_default(
+        (),
         description="polylines [[[x, y], ...], ...], m, that pictures show, such as the borders of lanes; nothing is"
         " planned with them",
     )
-    speed_limits: Row[SpeedLimit] = Field(default=(), description="speed limits by place, besides the vehicle's own")
-    confidence: Confidence = Confidence()
-    obstacles: Row[Obstacle] = ()
+    speed_limits: TakenAs[Row[SpeedLimit], Sequence[SpeedLimit | Mapping[str, Any]]] = by_default(
+        (), description="speed limits by place, besides the vehicle's own"
+    )
+    confidence: OfParts[Confidence] = by_default(Confidence())
+    obstacles: TakenAs[Row[Obstacle], Sequence[Obstacle | Mapping[str, Any]]] = by_default(())
 
     @model_validator(mode="before")
     @classmethod

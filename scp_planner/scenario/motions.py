@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Discriminator, Field, Tag
 
 from scp_planner.scenario import obstacle_checks
-from scp_planner.scenario.validation import Objection, Part, Row, Rule, variant
+from scp_planner.scenario.validation import (
+    Numbers,
+    Objection,
+    OfNumbers,
+    OfParts,
+    Part,
+    Row,
+    Rule,
+    TakenAs,
+    by_default,
+    variant,
+)
 from scp_planner.scenario.values import Matrix, Number, Rate, Vector
 
 
@@ -39,9 +50,9 @@ class Motion(Part):
         description="when the obstacle is at the position and has the velocity, s on the clock of start.time; null:"
         " start.time",
     )
-    position: Vector = Field(description="[x, y] at that time, m")
-    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at that time, m/s")
-    acceleration: Rate = Field(default=(0.0, 0.0), description="[x, y], m/s2")
+    position: OfNumbers[Vector] = Field(description="[x, y] at that time, m")
+    velocity: OfNumbers[Rate] = by_default((0.0, 0.0), description="[x, y] at that time, m/s")
+    acceleration: OfNumbers[Rate] = by_default((0.0, 0.0), description="[x, y], m/s2")
 
     @property
     def reference_time(self) -> float:
@@ -73,14 +84,14 @@ class Course(Part):
         obstacle_checks.headings_turn_slowly,
     )
 
-    time: Annotated[Row[Number], Field(min_length=2)] = Field(description="s, increasing")
-    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
-    covariance: Covariance | None = Field(
-        default=None,
+    time: OfNumbers[Annotated[Row[Number], Field(min_length=2)]] = Field(description="s, increasing")
+    position: OfNumbers[Row[Vector]] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: TakenAs[Covariance | None, Numbers | None] = by_default(
+        None,
         description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
     )
-    heading: Row[Number] | None = Field(
-        default=None,
+    heading: TakenAs[Row[Number] | None, Numbers | None] = by_default(
+        None,
         description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
         " null: along the velocity, and as last known while it stands",
     )
@@ -102,7 +113,7 @@ class Future(Part):
     """One of the courses that an obstacle may take, and how probable it is."""
 
     weight: Annotated[float, Field(strict=True, ge=0, le=1)] = Field(description="its probability, from 0 to 1")
-    motion: KnownMotion = Field(description="as that of an obstacle: exact, or with a covariance")
+    motion: OfParts[KnownMotion] = Field(description="as that of an obstacle: exact, or with a covariance")
 
 
 def _weights_add_up(futures: Any) -> Iterator[Objection]:
@@ -121,7 +132,7 @@ class Futures(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (_weights_add_up,)
 
-    futures: Annotated[Row[Future], Field(min_length=1)] = Field(
+    futures: TakenAs[Annotated[Row[Future], Field(min_length=1)], Sequence[Future | Mapping[str, Any]]] = Field(
         description="[{weight, motion}, ...]; the weights add up to 1, to 1e-06"
     )
 

@@ -11,7 +11,17 @@ from pydantic import Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files
 from scp_planner.errors import Fault, MotionModelError
-from scp_planner.scenario.validation import Objection, Part, Row, Rule, faults_of, variant
+from scp_planner.scenario.validation import (
+    Objection,
+    OfNumbers,
+    OfParts,
+    Part,
+    Row,
+    Rule,
+    by_default,
+    faults_of,
+    variant,
+)
 
 SCHEMA_VERSION = 1
 
@@ -99,8 +109,8 @@ class Tails(Part):
     rules: ClassVar[tuple[Rule, ...]] = (_leads_increase,)
 
     degrees_of_freedom: Positive = Field(description="of the Student distribution; small: heavy tails")
-    lead_time: Annotated[Row[Positive], Field(min_length=1)] = Field(description="s, increasing")
-    inflation: Row[Positive] = Field(description="of the covariance, one for each lead time")
+    lead_time: OfNumbers[Annotated[Row[Positive], Field(min_length=1)]] = Field(description="s, increasing")
+    inflation: OfNumbers[Row[Positive]] = Field(description="of the covariance, one for each lead time")
 
 
 class FittedTo(Part):
@@ -167,11 +177,11 @@ class ProcessModel(Part):
         description="version of this format: 1",
         json_schema_extra={"const": 1},
     )
-    process: Process
+    process: OfParts[Process]
     velocity_deviation: Positive = Field(description="of a velocity component before anything was seen, m/s")
     noise_deviation: Positive = Field(description="of an observation that comes without a covariance, m")
-    tails: Tails | None = Field(default=None, description="heavy tails; null: normal errors")
-    fitted_to: FittedTo | None = Field(default=None, description="for the reader")
+    tails: OfParts[Tails | None] = by_default(None, description="heavy tails; null: normal errors")
+    fitted_to: OfParts[FittedTo | None] = by_default(None, description="for the reader")
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag
 from scp_planner.errors import nearest
 from scp_planner.mathematics import planar
 from scp_planner.scenario import checks
-from scp_planner.scenario.validation import Part, Rule, variant
+from scp_planner.scenario.validation import OfNumbers, Part, Rule, variant
 from scp_planner.scenario.values import Number, Polygon, Positive
 
 
@@ -28,7 +28,7 @@ class Disc(Part):
 class Rectangle(Part):
     """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
 
-    rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
+    rectangle: OfNumbers[tuple[Positive, Positive]] = Field(description="[length, width], m")
     heading: Number | None = Field(
         default=None, description="rad; null: along the velocity, standing as last known, or 0"
     )
@@ -47,7 +47,7 @@ class PolygonShape(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.polygon_is_simple,)
 
-    polygon: Polygon = Field(description="vertices [[x, y], ...], m")
+    polygon: OfNumbers[Polygon] = Field(description="vertices [[x, y], ...], m")
 
     def distance(self, point: planar.Point, heading: float) -> float:  # noqa: ARG002 - it does not turn
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
@@ -57,7 +57,7 @@ class PolygonShape(Part):
 class Ellipse(Part):
     """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
 
-    ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
+    ellipse: OfNumbers[tuple[Positive, Positive]] = Field(description="semi-axes [along, across], m")
     heading: Number | None = Field(
         default=None, description="rad; null: along the velocity, standing as last known, or 0"
     )

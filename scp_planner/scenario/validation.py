@@ -5,19 +5,45 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
 
 T = TypeVar("T")
+Held = TypeVar("Held")
+Taken = TypeVar("Taken")
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    Numbers: TypeAlias = ArrayLike
     Row: TypeAlias = Sequence[T]
     Pair: TypeAlias = Sequence[T]
+
+    class TakenAs(Generic[Held, Taken]):
+        """`TakenAs[Held, Taken]`: type checkers let a part be built from the second type, and read the first one."""
+
+        def __get__(self, part: object, kind: Any = None) -> Held:
+            raise NotImplementedError
+
+        def __set__(self, part: object, value: Taken) -> None:
+            raise NotImplementedError
+
+    OfNumbers: TypeAlias = TakenAs[T, Numbers]
+    OfParts: TypeAlias = TakenAs[T, T | Mapping[str, Any]]
 else:
+    Numbers = Any
 
     class Row:
         """`Row[X]`: to whoever gives it any sequence, also a list; once it is there a tuple."""
@@ -30,6 +56,19 @@ else:
 
         def __class_getitem__(cls, item: Any) -> Any:
             return tuple[item, item]
+
+    class TakenAs:
+        """`TakenAs[Held, Taken]`, `OfNumbers[Held]`, `OfParts[Held]`: what is held."""
+
+        def __class_getitem__(cls, item: Any) -> Any:
+            return item[0] if isinstance(item, tuple) else item
+
+    OfNumbers = OfParts = TakenAs
+
+
+def by_default(default: Any, **about: Any) -> Any:
+    """Describe a field that may be left out; a default of what is held fits no `TakenAs` to a type checker."""
+    return Field(default=default, **about)
 
 
 Location = tuple[int | str, ...]

@@ -108,7 +108,7 @@ class Watch:
     gate_probability: float = GATE_PROBABILITY  # An observation less probable than this is left out
     alarm_probability: float = RARE  # A window of the newest observations less probable than this is an alarm
     manoeuvre: float = MANOEUVRE  # Standard deviation of a change of acceleration that may begin at any moment
-    regions: Regions = Regions.ADAPTIVE
+    regions: Regions | str = Regions.ADAPTIVE
     changes: float = CHANGES
 
 
@@ -194,9 +194,9 @@ class OnlineSettings(Knobs):
     heading_error: Annotated[float | None, Range(0.0, math.pi, "rad")] = None
     arrival_tolerance: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
-    safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
+    safety: Annotated[Safety | str, Choice(_safeties)] = Safety.STOP
     stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None
-    give_way: Annotated[GiveWay, Choice(_ways_to_give)] = GiveWay.LATE
+    give_way: Annotated[GiveWay | str, Choice(_ways_to_give)] = GiveWay.LATE
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
     improve_every: Annotated[int, Range(1, 1000)] = 5
@@ -210,7 +210,7 @@ class OnlineSettings(Knobs):
     alarm_probability: Annotated[float, Range(0.0, 0.1)] = RARE
     manoeuvre: Annotated[float, Range(0.0, 1000.0)] = MANOEUVRE
     changes: Annotated[float, Range(0.0, 1000.0)] = CHANGES
-    regions: Annotated[Regions, Choice(_regions)] = Regions.ADAPTIVE
+    regions: Annotated[Regions | str, Choice(_regions)] = Regions.ADAPTIVE
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
     def for_scene(self, units: Units) -> SceneOnlineSettings:

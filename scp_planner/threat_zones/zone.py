@@ -8,6 +8,7 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.ellipse import ellipse_contact, support
@@ -110,7 +111,7 @@ class ThreatZone:
         """Unit vector that turning outlines head along at times ``t`` (...), s; returns (..., 2)."""
         return directions_of(self._at((self.pointing or self.centers).derivative, t))
 
-    def support(self, t: float | Array, directions: Array) -> Array:
+    def support(self, t: float | Array, directions: ArrayLike) -> Array:
         """Support function of uncertainty and shape around the centre, without the vehicle.
 
         Parameters
@@ -136,7 +137,7 @@ class ThreatZone:
         supports: Array = value + np.max([outline.support(directions) for outline in self.outlines], axis=0)
         return supports
 
-    def signed_distance(self, t: float | Array, points: Array) -> Array:
+    def signed_distance(self, t: float | Array, points: ArrayLike) -> Array:
         """Signed distance of points to the zone (uncertainty + shape, without the vehicle).
 
         Parameters

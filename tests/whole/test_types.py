@@ -33,6 +33,38 @@ scenario = sp.Scenario(
     corridor=[[(-2.0, -9.0), (22.0, -9.0), (22.0, 9.0), (-2.0, 9.0)]],
     obstacles=[],
 )
+dictionaries = sp.Scenario(
+    vehicle={"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "steering": "any"},
+    start={"time": 0.0, "position": [0, 0], "speed": 1.0},
+    goal={"position": [20, 0]},
+    guide=np.array([[0.0, 0.0], [20.0, 0.0]]),
+    bounds={"min": [-5.0, -5.0], "max": [25.0, 5.0]},
+    confidence={"probability": 0.9, "level": "per_time"},
+    walls=[np.array([[5.0, 3.0], [6.0, 3.0], [6.0, 4.0]])],
+    speed_limits=[{"from": 2.0, "to": 4.0, "speed": 1.0}],
+    obstacles=[
+        {"id": "mapping", "shape": {"disc": 0.3}, "motion": {"position": [10, 3]}},
+        sp.Obstacle(
+            id="both",
+            shape={"rectangle": [1.0, 2.0]},
+            motion={"futures": [{"weight": 1.0, "motion": {"position": [12, 3]}}]},
+            model={"order": 1},
+        ),
+    ],
+)
+arrays = np.zeros((5, 2))
+sp.Confidence(probability=0.9, level="joint")
+sp.Model(process="pedestrian")
+sp.Rectangle(rectangle=np.array([1.0, 2.0]))
+sp.PolygonShape(polygon=np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+sp.Observations(time=np.arange(5.0), position=arrays, covariance=np.eye(2))
+sp.Motion(position=np.array([1.0, 2.0]))
+sp.Course(time=np.arange(3.0), position=np.zeros((3, 2)), covariance=np.tile(np.eye(2), (3, 1, 1)))
+estimate = sp.Estimate(time=0.0, position=arrays[0], velocity=arrays[1], covariance=np.eye(4))
+sp.Obstacle(id="named", shape=sp.Disc(disc=0.3), estimate=estimate, model="pedestrian")
+sp.OnlineSettings(safety="trip", give_way="early", regions="model")
+aim: float | None = dictionaries.goal.heading
+shape: sp.Disc | sp.Rectangle | sp.PolygonShape | sp.Ellipse = dictionaries.obstacles[0].shape
 first: float = scenario.start.position[0]
 samples = sp.SampledTrajectory([0.0, 10.0], [[0.0, 0.0], [20.0, 0.0]], speed=np.array([1.0, 3.0]))
 holds: bool = sp.certify(scenario, samples).holds
@@ -40,6 +72,7 @@ holds: bool = sp.certify(scenario, samples).holds
 WRONG = {
     "a radius in words": "sp.Disc(disc='large')",
     "a key that is not there": "sp.Goal(position=(20.0, 0.0), hading=0.0)",
+    "a shape in words": "sp.Obstacle(id='a', shape='disc', motion={'position': [0, 0]})",
     "no radius": "sp.Vehicle(max_speed=3.0, max_acceleration=1.5, max_deceleration=2.0)",
 }
 
