@@ -13,11 +13,9 @@ from scenes import CROSSERS, disc, scene
 from slopes import finite_differences, random_trips
 
 import scp_planner as sp
-from scp_planner.arrays import Array
 from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
 from scp_planner.baseline.priced import (
     places_of,
-    priced_constraints,
     soft_excess,
     times_near,
     uniform,
@@ -116,16 +114,7 @@ def test_the_hinge_is_the_formula(excess: list[float], width: float) -> None:
     top = max(scaled.max(), np.longdouble(0.0))
     expected = width * (top + np.log(np.exp(-top) + np.mean(np.exp(scaled - top))))
     assert violation == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
-
-
-@given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=8), st.floats(1e-3, 2.0))
-def test_the_hinge_tends_to_the_exact_one(excess: list[float], width: float) -> None:
-    """It lies between max(0, max g) + w log p, p the share of the largest, and max(0, max g) + w log 2."""
-    g, shares = np.array(excess), np.full(len(excess), 1.0 / len(excess))
-    exact = max(0.0, g.max())
-    violation, _ = soft_excess(g, shares, width)
-    assert exact - width * np.log(len(g)) - 1e-12 <= violation <= exact + width * np.log(2.0) + 1e-12
-    assert soft_excess(g, shares, 0.0)[0] == exact
+    assert soft_excess(g, shares, 0.0)[0] == max(0.0, g.max())
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=2, max_size=6), st.floats(0.05, 2.0))
@@ -162,23 +151,6 @@ def test_the_gradient_agrees_with_finite_differences(name: str, width: float) ->
     objective = PenalisedObjective(problem, uniform(problem, 5.0, 7.0), uniform(problem, width, 0.5 * width))
     for omega in random_trips(objective, 2, seed=1):
         gradient = objective.gradient(omega)
-        scale = max(1.0, float(np.abs(gradient).max()))
-        assert gradient == pytest.approx(finite_differences(objective, omega), abs=1e-6 * scale)
-
-
-LIMITS = [one.name for one in priced_constraints(problem_of("box, goal speed and heading"))[1:]]
-
-
-@pytest.mark.parametrize("limit", LIMITS)
-def test_the_gradient_of_each_limit_by_itself(limit: str) -> None:
-    problem = problem_of("box, goal speed and heading")
-    prices, widths = uniform(problem, 0.0, 0.0), uniform(problem, 0.05, 0.3)
-    silent = PenalisedObjective(problem, prices.copy(), widths)
-    prices[places_of(problem, limit)] = 100.0
-    objective = PenalisedObjective(problem, prices, widths)
-    for omega in random_trips(objective, 3, seed=2):
-        gradient = objective.gradient(omega)
-        assert np.abs(gradient - silent.gradient(omega)).max() > 1e-3
         scale = max(1.0, float(np.abs(gradient).max()))
         assert gradient == pytest.approx(finite_differences(objective, omega), abs=1e-6 * scale)
 
@@ -254,13 +226,6 @@ def test_violations_of_limits_are_those_of_the_trip() -> None:
         assert violation(found, problem, "workspace bounds") == pytest.approx(outside, abs=1e-12)
 
 
-def prices_of(problem: Problem, penalties: Penalties) -> Array:
-    """Return the prices of a run of the loop, (G,); what its rows keep costs as much as its dearest limit."""
-    dearest = float(np.max(penalties.weights[problem.zones.size :]))
-    further = np.full(violation_count(problem) - len(penalties.weights), dearest)
-    return np.concatenate([penalties.weights, further])
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_the_exact_hinge_gives_the_merit_of_sequential_convex_programming(name: str) -> None:
     """But for peaks of the lateral acceleration between stations, and what SCP keeps by linear rows."""
@@ -281,15 +246,6 @@ def test_the_exact_hinge_gives_the_merit_of_sequential_convex_programming(name: 
         rows = float(prices[count:] @ found.violations[count:])
         beyond = prices[lateral] * missed[lateral]
         assert found.value + beyond - rows == pytest.approx(evaluation.merit(penalties), abs=2e-4)
-
-
-def test_the_smooth_objective_tends_to_the_exact_one() -> None:
-    problem = problem_of("known obstacles")
-    omega = random_trips(objective_of(problem, 5.0), 1, seed=9)[0]
-    exact = objective_of(problem, 5.0).value(omega)
-    errors = [abs(objective_of(problem, 5.0, width).value(omega) - exact) for width in (1e-2, 1e-3, 1e-4, 1e-5)]
-    assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 1e-2
 
 
 # the domain

@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from clock import FakeClock
 from scenes import CROSSERS, disc, scene
+from scipy.optimize import lsq_linear
 
 import scp_planner as sp
 from scp_planner import builtin
+from scp_planner.arrays import Array
 from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.coordinates import path_scaling
 from scp_planner.baseline.descent import Descent
 from scp_planner.baseline.descent_run import DescentSettings, DescentStatus, Variant
+from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
@@ -84,32 +87,20 @@ def test_a_start_that_never_arrives_is_refused() -> None:
         sp.penalty_descent(scene(), SMALL, start=standing)
 
 
-def test_the_goal_speed_is_met_to_rounding() -> None:
-    scenario = scene(CROSSERS[0], goal={"position": [20.0, 0.0], "speed": 0.8})
-    plan = sp.penalty_descent(scenario, SMALL)
+ASKED = {
+    "a goal speed": scene(CROSSERS[0], goal={"position": [20.0, 0.0], "speed": 0.8}),
+    "an acceleration at the start": scene(CROSSERS[0], start={"acceleration": -0.5}),
+    "a radius of the goal": scene(disc("lid", (20.0, 1.0), radius=1.2), goal={"position": [20.0, 0.0], "radius": 2.0}),
+    "a bent guide": scene(disc("post", (9.0, 1.5), radius=0.6), guide=[[0.0, 0.0], [10.0, 2.0], [20.0, 0.0]]),
+    "a workspace box": scene(CROSSERS[0], bounds={"min": [-1.0, -1.5], "max": [21.0, 1.5]}),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_what_a_scenario_asks_for_is_certified(name: str) -> None:
+    plan = sp.penalty_descent(ASKED[name], SMALL)
     assert plan.certified, plan.reason
-    assert float(plan.speed(plan.arrival_time)) == pytest.approx(0.8, abs=1e-6)
-
-
-def test_a_given_acceleration_at_the_start_is_kept() -> None:
-    scenario = scene(CROSSERS[0], start={"acceleration": -0.5})
-    plan = sp.penalty_descent(scenario, SMALL)
-    assert plan.certified, plan.reason
-    assert float(plan.acceleration(plan.start_time)) == -0.5
-
-
-def test_a_goal_with_a_radius_is_met_anywhere_inside() -> None:
-    scenario = scene(disc("at-the-goal", (20.0, 1.0), radius=1.2), goal={"position": [20.0, 0.0], "radius": 2.0})
-    plan = sp.penalty_descent(scenario, SMALL)
-    assert plan.certified, plan.reason
-    assert np.hypot(*(plan.position(plan.arrival_time) - [20.0, 0.0])) <= 2.0 + 1e-6
-
-
-def test_a_trip_along_a_bent_guide_is_certified() -> None:
-    scenario = scene(disc("on-the-way", (9.0, 1.5), radius=0.6), guide=[[0.0, 0.0], [10.0, 2.0], [20.0, 0.0]])
-    plan = sp.penalty_descent(scenario, SMALL)
-    assert plan.certified, plan.reason
-    assert plan.travel_time == pytest.approx(sp.plan(scenario, SMALL).travel_time, rel=0.02)
+    assert plan.travel_time == pytest.approx(sp.plan(ASKED[name], SMALL).travel_time, rel=0.02)
 
 
 def test_a_queue_that_has_to_be_waited_for_is_waited_for() -> None:
@@ -117,13 +108,6 @@ def test_a_queue_that_has_to_be_waited_for_is_waited_for() -> None:
     queue = [disc(f"cart-{k}", (10.0, -8.0 + 2.0 * k), (0.0, 1.0), radius=1.2) for k in range(5)]
     plan = sp.penalty_descent(scene(*queue), Settings())
     assert plan.certified, plan.reason
-
-
-def test_a_workspace_box_is_kept() -> None:
-    scenario = scene(CROSSERS[0], bounds={"min": [-1.0, -1.5], "max": [21.0, 1.5]})
-    plan = sp.penalty_descent(scenario, SMALL)
-    assert plan.certified, plan.reason
-    assert np.abs(plan.position(np.linspace(0.0, plan.arrival_time, 500))[:, 1]).max() <= 1.2 + 1e-6
 
 
 def test_without_obstacles_the_trip_is_as_fast_as_possible() -> None:
@@ -226,3 +210,45 @@ def test_scaled_offsets_have_unit_curvature_of_the_arc_length() -> None:
     values = np.linalg.eigvalsh(hessian)
     assert values.max() <= 1.0 + 1e-6
     assert values.min() > 0.8
+
+
+# Minimisers of penalty descent, on convex quadratic functions on a box
+
+
+class LeastSquares:
+    """|A y - b|^2 on a box; what is best is kept."""
+
+    def __init__(self, matrix: Array, wanted: Array) -> None:
+        self.settings, self.random = DescentSettings(tolerance=1e-14), np.random.default_rng(5)
+        self.lower, self.upper = np.full(matrix.shape[1], -0.5), np.full(matrix.shape[1], 0.5)
+        self.matrix, self.wanted = matrix, wanted
+        self.evaluations, self.noted, self.best = 0, 0, np.inf
+
+    def evaluate(self, y: Array, *, gradient: bool = True) -> tuple[float, Array]:
+        assert np.all((self.lower <= y) & (y <= self.upper))
+        self.evaluations += 1
+        off = self.matrix @ y - self.wanted
+        self.best = min(self.best, float(off @ off))
+        return float(off @ off), 2.0 * self.matrix.T @ off if gradient else np.zeros(0)
+
+    def note(self, y: Array) -> None:
+        self.noted += 1
+
+
+@pytest.mark.parametrize("variant", Variant)
+def test_minimum_on_a_box_is_found(variant: Variant) -> None:
+    rng = np.random.default_rng(6)
+    task = LeastSquares(rng.normal(size=(8, 4)), rng.normal(size=8))
+    answer = lsq_linear(task.matrix, task.wanted, (task.lower, task.upper))
+    assert np.any(answer.active_mask)  # the box matters
+    MINIMISERS[variant](task, np.zeros(4), 4000)
+    assert task.best == pytest.approx(2.0 * answer.cost, rel=1e-6) and task.best >= 2.0 * answer.cost * (1.0 - 1e-9)
+    assert 0 < task.noted < task.evaluations <= 4001
+
+
+@pytest.mark.parametrize("variant", Variant)
+def test_no_more_is_evaluated_than_is_allowed(variant: Variant) -> None:
+    rng = np.random.default_rng(7)
+    task = LeastSquares(rng.normal(size=(30, 12)), rng.normal(size=30))
+    MINIMISERS[variant](task, np.zeros(12), 6)
+    assert 1 <= task.evaluations <= 7

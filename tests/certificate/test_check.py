@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from clock import FakeClock
 from reference_trips import (
     BREAKS,
     FRAME,
@@ -27,17 +25,17 @@ from reference_trips import (
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.certificate import clearance
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
+from scp_planner.errors import EstimationError
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones import bounds
 from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.guide import CurvedGuide
+from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.trips.guide import CurvedGuide, StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -67,26 +65,6 @@ def test_a_cut_of_a_millimetre_into_a_zone_is_refused_and_a_miss_of_one_is_not(s
         assert broken(missed) == set()
         assert 0.0 <= missed.clearance.minimum <= -depth + 1e-8
         assert missed.clearance.obstacle == "passing"
-
-
-@pytest.mark.parametrize("seed", [1, 2, 4, 5])
-def test_the_cut_lies_between_samples(seed: int) -> None:
-    """The fast obstacles above are inside for so short a time that equidistant samples do not see them."""
-    trip = random_trip(seed, acceleration_degree=seed % 3)
-    reference = Reference(trip)
-    obstacle = passing(reference, seed, 30.0).obstacle(1e-3)
-    scenario = the_scene(obstacle)
-    motion = scenario.obstacles[0].motion
-    assert isinstance(motion, sp.Motion)
-    for count in (80, 160, 192):
-        times = np.linspace(0.0, reference.tau, count + 1)
-        clock = times[:, None] + FRAME.time
-        centers = (
-            np.array(motion.position) + np.array(motion.velocity) * clock + np.array(motion.acceleration) * clock**2 / 2
-        )
-        gap = np.hypot(*(reference.position(times) - centers).T) - RADIUS - obstacle["shape"]["disc"]
-        assert gap.min() > 0.0
-    assert not verdict(scenario, trip).holds
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -136,18 +114,6 @@ def test_a_zone_that_darts_in_and_out_between_samples_is_seen(seed: int) -> None
     times = np.linspace(begin, begin + 4 * step, 401)
     assert zone.signed_distance(times, reference.position(times - FRAME.time)).min() < -0.3
     assert broken(verdict(the_scene(), trip, (zone,))) == {"clearance"}
-
-
-def test_a_trip_through_real_zones_holds_with_all_their_clearances() -> None:
-    """The reported clearance is a lower bound, at most a millimetre below the true one."""
-    trip = random_trip(3)
-    reference = Reference(trip)
-    obstacles = [passing(reference, seed, 2.0).obstacle(-0.05 * (1 + seed)) for seed in range(4)]
-    scenario = the_scene(*({**obstacle, "id": f"o{k}"} for k, obstacle in enumerate(obstacles)))
-    certificate = verdict(scenario, trip)
-    assert broken(certificate) == set()
-    assert certificate.clearance.obstacle == "o0"
-    assert 0.05 - 1e-3 <= certificate.clearance.minimum <= 0.05 + 1e-8
 
 
 def test_ends_that_differ_from_the_scenario_are_refused() -> None:
@@ -275,49 +241,6 @@ def test_a_path_with_a_cusp_is_refused() -> None:
     assert [violation.what for violation in found.violations] == ["error of the positions"]
 
 
-@pytest.mark.parametrize("walled", [False, True])
-def test_bounds_that_are_made_in_parts_say_the_same(walled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clearance of a trip among many zones, and among walls of many corners, most of them far from it."""
-    rng, turn = np.random.default_rng(5), 2.0 * np.pi * np.arange(40) / 40
-    ring = np.stack([0.5 * np.cos(turn), 0.3 * np.sin(turn)], axis=1)
-    places = [(x, y) for x, y in rng.uniform([2.0, -9.0], [38.0, 9.0], (60, 2)).tolist() if abs(y) > 1.5]
-    if walled:
-        scenario = scene(goal={"position": [40.0, 0.0]}, walls=[(ring + place).tolist() for place in places])
-    else:
-        moving = [disc(f"d{k}", place, (0.1, 0.0), radius=0.3) for k, place in enumerate(places)]
-        scenario = scene(*moving, goal={"position": [40.0, 0.0]})
-    made = sp.plan(scenario)
-    whole = sp.certify(scenario, made)
-    monkeypatch.setattr(bounds, "AT_ONCE", 1)
-    monkeypatch.setattr(clearance, "EFFORT", clearance.ClearanceEffort(pairs_at_once=3))
-    in_parts = sp.certify(scenario, made)
-    assert whole.holds and in_parts.holds
-    assert in_parts.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-3)
-    assert in_parts.clearance.obstacle == whole.clearance.obstacle
-
-
-def test_a_check_ends_with_the_clock_while_it_bounds_many_clearances(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, parts = FakeClock(0.0), list[int]()
-    clock.rule(monkeypatch)
-    crude = bounds.ZoneBounds._crude
-
-    def counted(self: bounds.ZoneBounds, moving: bounds.MovingPoint, *given: Any) -> Any:
-        parts.append(len(moving.time))
-        clock.tick = 1.0  # from here on it is late
-        return crude(self, moving, *given)
-
-    scenario = scene(*[disc(f"d{k}", (5.0, 3.0 + k)) for k in range(20)])
-    plan = sp.plan(scenario)
-    units = NaturalUnits.to_check(scenario)
-    inside, trip = units.scenario(scenario), plan.trip.inside(units)
-    found = tuple(zone.inside(units) for zone in sp.zones(scenario))
-    monkeypatch.setattr(bounds, "AT_ONCE", 1)
-    monkeypatch.setattr(bounds.ZoneBounds, "_crude", counted)
-    late = certify_trip(inside, trip, found, Scope(deadline=0.5))
-    assert len(parts) == 1 and not late.holds
-    assert certify_trip(inside, trip, found, Scope()).holds
-
-
 @pytest.mark.parametrize("side", [1.0, 30.0, -30.0])
 def test_what_has_left_the_corridor_beyond_its_walls_is_not_in_it(side: float) -> None:
     """Its outside is covered up to some lengths: what drives on there, far from it, touches none of that."""
@@ -336,3 +259,152 @@ def test_what_has_left_the_corridor_beyond_its_walls_is_not_in_it(side: float) -
             assert {one.obstacle for one in found.violations} == (set() if side == 1.0 else {"corridor"})
     disc_ahead = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"discs": (0.0, 30.0)})})
     assert not certify_trip(disc_ahead, trip, zones).holds
+
+
+# The certificate's bounds of what limits are used, against fine searches
+
+
+@pytest.mark.parametrize(
+    ("limit", "name"),
+    [
+        ("max_speed", "speed"),
+        ("max_acceleration", "acceleration"),
+        ("max_deceleration", "acceleration"),
+        ("max_curvature", "curvature"),
+        ("max_lateral_acceleration", "lateral_acceleration"),
+    ],
+)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_limit_broken_by_a_thousandth_is_refused(seed: int, limit: str, name: str) -> None:
+    trip = random_trip(seed, path_degree=3 + seed % 3)
+    worst = vehicle_limits(Reference(trip))[limit]
+    assert worst > 0.0
+
+    refused = verdict(the_scene(vehicle={limit: worst / 1.001}), trip)
+    assert broken(refused) == {name}
+    (violation,) = refused.violations
+    assert abs(violation.value) == pytest.approx(worst, rel=1e-3)
+    assert abs(violation.allowed) == pytest.approx(worst / 1.001)
+
+    kept = verdict(the_scene(vehicle={limit: worst * (1.0 + 1e-6)}), trip)
+    assert broken(kept) == set()
+    assert abs(kept.limits[name].worst) == pytest.approx(worst, rel=2e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_peak_of_curvature_between_knots_is_found(seed: int) -> None:
+    trip = random_trip(seed, path_degree=5, bow=1.2)
+    reference = Reference(trip)
+    where, value = least(lambda s: -np.abs(reference.curvature_at(s)), 0.0, 20.0, 200001)
+    assert np.abs(reference.station_knots - where).min() > 0.05
+    assert broken(verdict(the_scene(vehicle={"max_curvature": -value * (1.0 - 1e-6)}), trip)) == {"curvature"}
+    assert broken(verdict(the_scene(vehicle={"max_curvature": -value * (1.0 + 1e-6)}), trip)) == set()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_limits_are_told_apart_to_a_millionth(seed: int, degree: int) -> None:
+    """Control points of smooth profiles lie farther beyond them than that."""
+    trip = random_trip(seed, acceleration_degree=degree)
+    reference = Reference(trip)
+    times = np.linspace(0.0, reference.tau, 200_001)
+    speed, acceleration = float(reference.speed(times).max()), reference.acceleration(times)
+    room = 1.0 + 1e-6
+    limits = {
+        "max_speed": speed * room,
+        "max_acceleration": float(acceleration.max()) * room,
+        "max_deceleration": max(-float(acceleration.min()) * room, 1e-3),
+    }
+    assert broken(verdict(the_scene(vehicle=limits), trip)) == set()
+    for name, what in (("max_speed", "speed"), ("max_acceleration", "acceleration")):
+        less = {**limits, name: limits[name] / room**2}
+        assert broken(verdict(the_scene(vehicle=less), trip)) == {what}
+
+
+def test_driving_backwards_is_refused() -> None:
+    space = TripSpace(StraightGuide(20.0), 1.0, 3, 9, 0, (0.0, 0.3, 0.6, 1.0))
+    beta = np.array([-0.5, 0.5, 0.6])
+    trip = Trip(FRAME, Trajectory.of(space, np.zeros(space.path_size), beta))
+    assert Reference(trip).speed(np.array([0.3 * trip.trajectory.travel_time]))[0] < 0.0
+    assert broken(verdict(the_scene(), trip)) == {"speed"}
+
+
+# The certificate of a vehicle that stays in a tube round its trip, against dense samples of speed and curvature
+
+TUBE = TrackingTube(0.01, 0.02, 0.04, max_speed=4.0, max_lateral=3.0, probability=0.95, records=40)
+POST, CROSSER = (9.0, 0.1), (14.0, -6.0)
+SIZE, ROOM = 0.5, 0.3
+STEPS = 40_000
+
+
+def among(radius: float) -> sp.Scenario:
+    return scene(
+        disc("post", POST, radius=radius),
+        disc("crosser", CROSSER, (0.0, 1.0), radius=radius),
+        vehicle={"discs": [0.0, 0.4]},
+    )
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[sp.Scenario, sp.Plan]:
+    """A scene, and a plan that has room in it: one among larger obstacles."""
+    return among(SIZE), sp.plan(among(SIZE + ROOM))
+
+
+def densely(scenario: sp.Scenario, plan: sp.Plan, tube: TrackingTube) -> float:
+    """Least distance of the vehicle's discs to both obstacles, less the tube, at many times."""
+    t = np.linspace(scenario.start.time, plan.arrival_time, STEPS)
+    speed, curvature, heading = plan.speed(t), plan.curvature(t), plan.heading(t)
+    off = tube.standing + tube.per_speed * speed + tube.per_lateral * speed**2 * np.abs(curvature)
+    least = np.inf
+    for offset in scenario.vehicle.discs:
+        place = plan.position(t) + offset * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        for center in (np.array(POST), np.array(CROSSER) + (t - scenario.start.time)[:, None] * [0.0, 1.0]):
+            apart = np.hypot(*(place - center).T) - SIZE - scenario.vehicle.radius - off
+            least = min(least, float(apart.min()))
+    return least
+
+
+def scaled(factor: float) -> TrackingTube:
+    sizes = {name: factor * getattr(TUBE, name) for name in ("standing", "per_speed", "per_lateral")}
+    return replace(TUBE, **sizes)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 1.0])
+def test_each_piece_of_a_trip_has_the_room_that_it_needs(planned: tuple[sp.Scenario, sp.Plan], factor: float) -> None:
+    scenario, plan = planned
+    found, dense = sp.certify(scenario, plan, tube=scaled(factor)), densely(scenario, plan, scaled(factor))
+    assert found.holds and dense > 0.0
+    precision = 1e-3 * NaturalUnits.of(scenario).length
+    assert dense - precision - 1e-6 <= found.clearance.minimum <= dense + 1e-9
+
+
+def test_what_the_tube_touches_is_refused(planned: tuple[sp.Scenario, sp.Plan]) -> None:
+    scenario, plan = planned
+    assert densely(scenario, plan, scaled(3.0)) < 0.0
+    found = sp.certify(scenario, plan, tube=scaled(3.0))
+    assert not found.holds and {one.what for one in found.violations} == {"clearance"}
+
+
+def test_tube_by_piece_asks_for_less_than_its_bound(planned: tuple[sp.Scenario, sp.Plan]) -> None:
+    scenario, plan = planned
+    whole = sp.certify(scenario, plan).clearance.minimum - TUBE.bound(scenario.vehicle)
+    assert sp.certify(scenario, plan, tube=TUBE).clearance.minimum > whole + 0.05 * TUBE.bound(scenario.vehicle)
+
+
+def test_tube_leaves_the_workspace_before_the_vehicle_does(planned: tuple[sp.Scenario, sp.Plan]) -> None:
+    scenario, plan = planned
+    t = np.linspace(scenario.start.time, plan.arrival_time, STEPS)
+    tip = plan.position(t) + 0.4 * np.stack([np.cos(plan.heading(t)), np.sin(plan.heading(t))], axis=1)
+    y = np.concatenate([plan.position(t)[:, 1], tip[:, 1]])
+    off = np.tile(TUBE.radius(plan.speed(t), plan.speed(t) ** 2 * np.abs(plan.curvature(t))), 2)
+    for room, holds in ((1.01, True), (0.99, False)):
+        low = float((y - room * off).min()) - scenario.vehicle.radius
+        box = sp.Bounds(min=(-5.0, low), max=(25.0, 10.0))
+        assert sp.certify(scenario.model_copy(update={"bounds": box}), plan, tube=TUBE).holds is holds
+
+
+def test_tube_that_was_recorded_for_less_is_refused(planned: tuple[sp.Scenario, sp.Plan]) -> None:
+    scenario, plan = planned
+    with pytest.raises(EstimationError, match="speed"):
+        sp.certify(scenario, plan, tube=replace(TUBE, max_speed=1.0))

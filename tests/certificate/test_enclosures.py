@@ -169,29 +169,6 @@ def test_enclosures_of_the_bend_contain_dense_samples(seed: int, degree: int, cu
     np.testing.assert_allclose((np.arcsin(turn) / lengths)[away], exact[away], atol=2e-4)
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_sigma_at_inverts_the_distance_driven(seed: int, degree: int) -> None:
-    trajectory = random_trip(seed, acceleration_degree=degree).trajectory
-    reference = Reference(Trip(FRAME, trajectory))
-    rng = np.random.default_rng(seed)
-    distance = np.concatenate([[0.0, trajectory.path.arc_length], rng.uniform(0.0, trajectory.path.arc_length, 200)])
-    sigma = trajectory.arrivals(distance).sigma
-    assert np.all((sigma >= 0.0) & (sigma <= 1.0))
-    t = sigma * reference.tau
-    driven = reference.start_speed * t + reference._distance(t)
-    np.testing.assert_allclose(driven, distance, atol=1e-10)
-    # and against root finding
-    for wanted, found in zip(distance[2:7], t[2:7], strict=True):
-        root = brentq(
-            lambda x, wanted=wanted: float(reference.start_speed * x + reference._distance(x)) - wanted,
-            0.0,
-            reference.tau,
-            xtol=1e-13,
-        )
-        assert found == pytest.approx(root, abs=1e-9)
-
-
 def test_sigma_at_where_the_vehicle_stops_and_waits() -> None:
     space = TripSpace(StraightGuide(20.0), 2.0, 3, 9, 0, (0.0, 0.2, 0.5, 1.0))
     # Brakes to a stop in the first part, waits in the second, drives on in the third: v0 = 0.2 tau a

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference_trips import UNLIMITED
 from scenes import CROSSERS, disc, scene
 from scipy.interpolate import PPoly
 
@@ -15,13 +16,6 @@ from scp_planner.certificate.verdict import BEYOND_ZONES
 pytestmark = pytest.mark.numerics
 
 Array = np.ndarray
-UNLIMITED: dict[str, Any] = {
-    "max_speed": 1e3,
-    "max_acceleration": 1e3,
-    "max_deceleration": 1e3,
-    "max_lateral_acceleration": None,
-    "max_curvature": None,
-}
 
 
 def samples_of(plan: sp.Plan, times: Array) -> sp.SampledTrajectory:
@@ -125,29 +119,29 @@ def test_a_limit_broken_by_a_millionth_is_refused(seed: int, limit: str, name: s
         assert holds or [violation.what for violation in certificate.violations] == [name]
 
 
-@pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("discs", [(0.0,), (0.0, 0.4, -0.7)])
-def test_the_least_clearance_is_that_of_dense_samples(seed: int, discs: tuple[float, ...]) -> None:
-    samples = wavy(seed)
-    obstacles = [disc("a", (9.0, 5.0), (0.0, -0.4), (0.02, 0.0)), disc("b", (14.0, -6.0), (0.1, 0.2), radius=0.8)]
-    scenario = wide_open(samples, *obstacles, vehicle={"discs": discs})
-    motion, times = reference(samples), dense_times(samples, 400)
-    position, velocity = motion(times), motion(times, 1)
-    unit = velocity / np.hypot(*velocity.T)[:, None]
-    least = min(
-        float(np.hypot(*(position + offset * unit - center).T).min()) - radius - 0.3
-        for offset in discs
-        for center, radius in (
-            (np.array([9.0, 5.0]) + np.outer(times, [0.0, -0.4]) + 0.5 * np.outer(times**2, [0.02, 0.0]), 0.5),
-            (np.array([14.0, -6.0]) + np.outer(times, [0.1, 0.2]), 0.8),
-        )
-    )
-    certificate = sp.certify(scenario, samples)
-    assert certificate.holds is (least > 0.0)
-    if certificate.holds:
-        assert least - 1.1e-3 <= certificate.clearance.minimum <= least + 1e-6
-    else:
-        assert certificate.clearance.minimum < 0.0
+def test_trips_among_obstacles_are_judged_as_by_dense_samples(discs: tuple[float, ...], count: int = 18) -> None:
+    """The verdict, but within a micrometre, and the least clearance, of random trips past many discs."""
+    rng, verdicts = np.random.default_rng(len(discs)), []
+    for trial in range(count):
+        samples = wavy(trial)
+        motion, times = reference(samples), dense_times(samples, 300)
+        spots, pace = rng.uniform((4.0, -4.0), (18.0, 4.0), (3, 2)), rng.normal(0.0, 0.3, (3, 2))
+        pull = rng.normal(0.0, 0.02, (3, 2))
+        centers = spots + times[:, None, None] * pace + 0.5 * times[:, None, None] ** 2 * pull
+        unit = motion(times, 1) / np.hypot(*motion(times, 1).T)[:, None]
+        places = np.stack([motion(times) + offset * unit for offset in discs])
+        least = float(np.linalg.norm(places[:, :, None] - centers, axis=3).min()) - 0.3 - 0.4
+        first = np.linalg.norm(places[:, :1] - spots, axis=2).min() - 0.7
+        if abs(least) < 1e-6 or first < 1e-3:
+            continue
+        moving = [disc(f"o{k}", tuple(spots[k]), tuple(pace[k]), tuple(pull[k]), 0.4) for k in range(3)]
+        found = sp.certify(wide_open(samples, *moving, vehicle={"discs": discs}), samples)
+        verdicts.append(found.holds)
+        assert found.holds is (least > 0.0)
+        if found.holds:
+            assert least - 1.1e-3 <= found.clearance.minimum <= least + 1e-6
+    assert len(set(verdicts)) == 2
 
 
 @pytest.mark.parametrize(("gap", "holds"), [(-1e-3, False), (-1e-6, False), (1e-6, True)])
@@ -164,36 +158,6 @@ def test_an_obstacle_clipped_between_samples_is_seen(gap: float, holds: bool) ->
     if not holds:
         assert [violation.what for violation in certificate.violations] == ["clearance"]
         assert certificate.clearance.time == pytest.approx(5.0, abs=0.05)
-
-
-def test_an_obstacle_that_crosses_between_samples_is_seen() -> None:
-    time = np.arange(0.0, 11.0, 2.0)
-    position = np.stack([2.0 * time, np.zeros(len(time))], axis=1)
-    samples = sp.SampledTrajectory(time, position, np.zeros(len(time)), np.full(len(time), 2.0))
-    darting = disc("darting", (10.0, -200.0), (0.0, 40.0), radius=0.1)  # at (10, 0) after 5 s, as the vehicle
-    certificate = sp.certify(scene(darting, start={"speed": 2.0}), samples)
-    assert [str(violation).split(" -")[0] for violation in certificate.violations] == ["clearance to darting"]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_random_trips_among_obstacles_are_judged_as_by_dense_samples(seed: int) -> None:
-    """Every verdict but those within a micrometre, of trips past many discs."""
-    rng = np.random.default_rng(seed)
-    verdicts = []
-    for trial in range(12):
-        samples = wavy(100 * seed + trial)
-        motion, times = reference(samples), dense_times(samples, 300)
-        spots = rng.uniform((2.0, -4.0), (18.0, 4.0), (3, 2))
-        velocity = rng.normal(0.0, 0.3, (3, 2))
-        centers = spots + times[:, None, None] * velocity
-        least = float(np.hypot(*np.moveaxis(motion(times)[:, None] - centers, 2, 0)).min()) - 0.3 - 0.4
-        start = np.hypot(*(samples.position[0] - spots).T).min() - 0.7
-        if abs(least) < 1e-6 or start < 1e-3:
-            continue
-        obstacles = [disc(f"o{k}", tuple(spots[k]), tuple(velocity[k]), radius=0.4) for k in range(3)]
-        verdicts.append(sp.certify(wide_open(samples, *obstacles), samples).holds)
-        assert verdicts[-1] is (least > 0.0)
-    assert len(set(verdicts)) == 2
 
 
 @pytest.mark.parametrize(
@@ -242,16 +206,6 @@ def test_our_own_plan_is_certified_from_its_samples_but_for_what_they_lose() -> 
     for name in ("max_speed", "max_acceleration", "max_deceleration", "max_lateral_acceleration", "max_curvature"):
         parts["vehicle"][name] *= 1.01
     assert sp.certify(sp.Scenario(**parts), samples_of(plan, times)).holds
-
-
-def test_our_own_plan_keeps_a_jump_of_its_acceleration_to_an_eighth() -> None:
-    scenario = scene(*CROSSERS)
-    plan = sp.plan(scenario)
-    for count in (150, 600):
-        times = np.linspace(plan.start_time, plan.arrival_time, count)
-        use = sp.certify(scenario, samples_of(plan, times)).limits["acceleration"]
-        assert use.limit is not None
-        assert abs(use.worst) <= abs(use.limit) + (1.5 + 2.0) / 8.0 + 0.02
 
 
 def straight(time: list[float], x: list[float], speed: list[float] | None = None) -> sp.SampledTrajectory:

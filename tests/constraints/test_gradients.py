@@ -11,13 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CROSSERS, disc, scene
 from shapely.geometry import LineString, Point
-from slopes import differences, finite_differences, random_trips, trip_near_the_guide
+from slopes import differences, trip_near_the_guide
 
 import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.baseline.descent_run import DescentSettings
-from scp_planner.baseline.objective import PenalisedObjective
-from scp_planner.baseline.priced import uniform
 from scp_planner.constraints.curvature_rate import rate_partials
 from scp_planner.constraints.speed_limits import SpeedLimits
 from scp_planner.problem.build import build_problem
@@ -127,19 +125,6 @@ def test_the_rows_of_optional_limits_agree_with_differences(name: str, seed: int
         assert usual.mean() > 0.9
         # nor are differences to both sides made at the last station, where the trip ends
         assert wrong.sum() <= 2, np.flatnonzero(usual)[wrong]
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_the_gradient_of_the_objective_with_optional_limits(name: str) -> None:
-    scenario, settings = SCENES[name]
-    problem = build_problem(scenario, sp.zones(scenario), settings)
-    prices = uniform(problem, 0.0, 0.0)
-    prices[problem.zones.size + USUAL - 1 : sum(problem.sizes)] = 10.0
-    objective = PenalisedObjective(problem, prices, uniform(problem, 0.05, 0.2))
-    for omega in random_trips(objective, 1, seed=2):
-        gradient = objective.gradient(omega)
-        scale = max(1.0, float(np.abs(gradient).max()))
-        assert gradient == pytest.approx(finite_differences(objective, omega), abs=1e-5 * scale)
 
 
 def test_a_scenario_without_them_has_none() -> None:

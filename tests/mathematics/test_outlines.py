@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
-from shapely import Polygon, distance, points
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import Point, Polygon, distance, points
 from shapely.geometry import MultiPoint
+from shapely.ops import unary_union
 
+from scp_planner.arrays import cross
+from scp_planner.mathematics import planar
+from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.ellipse import ellipse_contact, far_ellipse_contact, support
 from scp_planner.mathematics.outlines import Outline, Outlines, two_ellipses_contact
 
@@ -148,3 +157,115 @@ def test_headings_and_half_axes() -> None:
 def test_vertices_in_line_are_left_out() -> None:
     vertices = Outline.polygon([[0, 0], [0, 1], [0, 2], [2, 2], [2, 1], [2, 0], [1, 0]]).vertices
     assert vertices is not None and len(vertices) == 4
+
+
+# Concave polygons as unions of convex ones, against areas and distances of shapely
+
+
+def some_star(rng: np.random.Generator, corners: int) -> Array:
+    """A simple polygon, mostly concave."""
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
+    angle = angle + np.linspace(0.0, 1e-3, corners)
+    return (rng.uniform(0.3, 2.0, corners) * np.stack([np.cos(angle), np.sin(angle)])).T
+
+
+@given(st.integers(3, 40), st.integers(0, 10_000))
+def test_convex_pieces_are_convex_and_make_up_the_polygon(corners: int, seed: int) -> None:
+    vertices = some_star(np.random.default_rng(seed), corners)
+    whole = Polygon(vertices)
+    if not whole.is_valid:
+        return
+    pieces = convex_pieces(tuple(map(tuple, vertices)))
+    parts = [Polygon(piece.vertices) for piece in pieces]
+    assert all(part.convex_hull.area == pytest.approx(part.area, rel=1e-9) for part in parts)
+    assert sum(part.area for part in parts) == pytest.approx(whole.area, rel=1e-9)
+    assert unary_union([part.buffer(1e-9) for part in parts]).symmetric_difference(whole).area < 1e-6
+    before, after = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
+    reflex = int(np.sum(before[:, 0] * after[:, 1] < before[:, 1] * after[:, 0]))
+    assert len(pieces) <= 2 * reflex + 1
+
+
+def test_named_concave_polygons() -> None:
+    ell = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
+    assert len(convex_pieces(ell)) == 2
+    comb = [(0.0, 0.0)]
+    for k in range(40):
+        comb += [(k + 0.2, -2.0), (k + 1.0, 0.0)]
+    comb += [(40.0, 1.0), (0.0, 1.0)]
+    pieces = convex_pieces(tuple(comb))
+    assert sum(Polygon(piece.vertices).area for piece in pieces) == pytest.approx(Polygon(comb).area)
+    assert len(pieces) <= 80
+    place = np.random.default_rng(0).uniform([-2, -4], [42, 3], (3000, 2))
+    outlines = Outlines(pieces)
+    each = outlines.contacts(
+        np.tile(np.arange(len(pieces)), len(place)), np.repeat(place, len(pieces), axis=0)
+    ).distance.reshape(len(place), -1)
+    expected = np.array([Polygon(comb).distance(Point(p)) for p in place])
+    np.testing.assert_allclose(np.maximum(each.min(axis=1), 0.0), expected, atol=1e-12)
+
+
+# Plane geometry in plain Python against shapely
+
+SEEDS = range(12)
+
+
+def star(seed: int) -> list[planar.Point]:
+    """A simple polygon round some point far from the origin, with corners that point inwards."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 9))
+    reach = rng.uniform(0.5, 3.0, 9)
+    return [(100.0 + r * math.cos(a), 50.0 + r * math.sin(a)) for r, a in zip(reach, angle, strict=True)]
+
+
+def hull(seed: int) -> list[planar.Point]:
+    return [(x, y) for x, y in shapely.MultiPoint(star(seed)).convex_hull.exterior.coords[:-1]]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_areas_centres_and_distances(seed: int) -> None:
+    polygon = star(seed)
+    drawn = shapely.Polygon(polygon)
+    assert abs(planar.area(polygon)) == pytest.approx(drawn.area, rel=1e-12)
+    assert planar.area(planar.anticlockwise(polygon[::-1])) > 0.0
+    assert planar.centroid(polygon) == pytest.approx((drawn.centroid.x, drawn.centroid.y), rel=1e-12)
+    for x, y in np.random.default_rng(seed).uniform([95.0, 45.0], [105.0, 55.0], (40, 2)).tolist():
+        assert planar.distance_to_polygon((x, y), polygon) == pytest.approx(drawn.distance(shapely.Point(x, y)))
+        along = shapely.LineString(polygon).project(shapely.Point(x, y))
+        assert planar.station((x, y), polygon) == pytest.approx(along, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_simple_what_is_convex_and_what_overlaps(seed: int) -> None:
+    polygon, convex = star(seed), hull(seed)
+    shuffled = [polygon[k] for k in np.random.default_rng(seed).permutation(9)]
+    for one in (polygon, shuffled):
+        assert (planar.first_crossing(one) is None) == shapely.Polygon(one).is_valid
+    assert planar.is_convex(convex)
+    assert planar.is_convex(polygon) == (len(convex) == len(polygon))
+    for shift in (0.5, 2.0, 3.5, 5.0, 8.0):
+        moved = [(x + shift, y + 0.3 * shift) for x, y in hull(seed + 1)]
+        common = shapely.Polygon(convex).intersection(shapely.Polygon(moved)).area
+        assert planar.overlap(convex, moved) == (common > 1e-12)
+
+
+def test_distances_to_an_ellipse() -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 40_001)
+    border = np.stack([2.0 * np.cos(angle), 0.4 * np.sin(angle)], axis=1)
+    for point in np.random.default_rng(0).uniform(-4.0, 4.0, (40, 2)):
+        x, y = point.tolist()
+        inside = (x / 2.0) ** 2 + (y / 0.4) ** 2 <= 1.0
+        expected = 0.0 if inside else np.hypot(*(border - point).T).min()
+        assert planar.distance_to_ellipse((x, y), 2.0, 0.4) == pytest.approx(expected, abs=1e-6)
+
+
+def test_turns_are_anticlockwise() -> None:
+    assert planar.turned((2.0, 0.0), math.pi / 2) == pytest.approx((0.0, 2.0), abs=1e-15)
+
+
+# The product of vectors in the plane
+
+
+def test_cross_product_is_the_determinant() -> None:
+    one, two = np.random.default_rng(3).normal(size=(2, 4, 5, 2))
+    assert np.allclose(cross(one, two), np.linalg.det(np.stack([one, two], axis=-1)), rtol=0.0, atol=1e-12)
+    assert cross(np.array([1.0, 0.0]), np.array([0.0, 2.0])) == 2.0

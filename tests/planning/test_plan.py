@@ -12,7 +12,6 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.certificate.relaxation import RelaxationSize
 from scp_planner.certificate.verdict import Clearance
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.trips.trajectory import Trajectory
@@ -44,43 +43,26 @@ def test_times_may_have_any_shape_and_are_clamped(plan: sp.Plan) -> None:
     assert plan.position(plan.start_time).shape == (2,)
     assert plan.speed(plan.start_time).shape == ()
     assert plan.position(np.zeros((2, 3))).shape == (2, 3, 2)
+    assert plan.position([]).shape == (0, 2)
     np.testing.assert_allclose(plan.position(-100.0), [2.0, -1.0], atol=1e-12)
     # The planning frame's lengths are rounded to 0.1 um, so that a scene that is turned or moved gives the same plan.
     np.testing.assert_allclose(plan.position(plan.arrival_time + 9.0), [20.0, 0.0], rtol=0.0, atol=1e-7)
 
 
-def test_the_relative_gap_is_that_to_the_bound_among_the_obstacles(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_relative_gap_is_that_to_the_bound_among_the_obstacles(tmp_path: Path) -> None:
     """A wall that fills the workspace goes ahead slowly: without it the trip would take half as long."""
-    bounds: list[float] = []
-
-    def recorded(scenario: sp.Scenario, *, at_most: float) -> float:
-        assert scenario is alley
-        bounds.append(sp.lower_bound(scenario, at_most=at_most))
-        return bounds[-1]
-
-    monkeypatch.setattr("scp_planner.planning.plan.lower_bound", recorded)
-    monkeypatch.setattr(
-        "scp_planner.certificate.lower_bound.SIZE", RelaxationSize(cells=20_000)
-    )  # true as well, and quick
     square = {"polygon": [[-0.5, -2.0], [0.5, -2.0], [0.5, 2.0], [-0.5, 2.0]]}
     wall = {"id": "wall", "shape": square, "motion": {"position": (2.0, 0.0), "velocity": (1.0, 0.0)}}
     ahead = {"min": [-0.5, -0.6], "max": [9.0, 0.6]}
-    alley = scene(wall, bounds=ahead, goal={"position": [8.0, 0.0]}, start={"speed": 0.0})
-    made = sp.plan(alley)
-    assert made.certified
-    assert bounds == []
-    assert made.relative_gap < 0.1 * made.gap
+    made = sp.plan(scene(wall, bounds=ahead, goal={"position": [8.0, 0.0]}, start={"speed": 0.0}))
+    assert made.certified and made.relative_gap < 0.1 * made.gap
     bounded = made.bounded()
-    assert [bounded.lower_bound] == bounds
     assert 1.5 * made.lower_bound < bounded.lower_bound <= made.travel_time
     assert bounded.gap == bounded.relative_gap == made.relative_gap
     bounded.save(tmp_path / "plan.json", samples=2)
     assert sp.Plan.load(tmp_path / "plan.json").relative_gap == made.relative_gap
-    bad = made.with_status(PlanStatus.FEASIBLE, "not looked at")
+    bad = replace(made, status=PlanStatus.FEASIBLE, reason="not looked at")
     assert bad.relative_gap == bad.gap == made.gap
-    assert len(bounds) == 1
 
 
 def test_a_saved_plan_is_loaded_to_the_bit(plan: sp.Plan, tmp_path: Path) -> None:

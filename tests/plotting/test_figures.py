@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +17,11 @@ from matplotlib.patches import Circle, PathPatch, Polygon
 from scenes import scene
 
 import scp_planner as sp
-from scp_planner.plotting import animate_plan, plot_plan, plot_profiles, plot_space_time
+from scp_planner.plotting import View, animate_plan, plot_plan, plot_profiles, plot_run_space_time, plot_space_time
 from scp_planner.plotting.maps import border_of
 from scp_planner.plotting.recording import record_plan
-from scp_planner.plotting.style import COLOURS, GREY
+from scp_planner.plotting.scales import unit_of_rate
+from scp_planner.plotting.style import COLOURS, GREY, label_lengths
 
 
 def _is_hollow(patch: Any) -> bool:
@@ -54,10 +53,9 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
 
 def test_what_stands_is_drawn_once(radar: Case) -> None:
     plan, scenario = radar
-    for count in (1, 5):
-        axes = map_of(plot_plan(plan, scenario, times=np.linspace(plan.start_time, plan.arrival_time, count)))
-        zones = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
-        assert sum(to_hex(zone.get_edgecolor()).upper() == GREY for zone in zones) == 1
+    axes = map_of(plot_plan(plan, scenario, times=np.linspace(plan.start_time, plan.arrival_time, 5)))
+    zones = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
+    assert sum(to_hex(zone.get_edgecolor()).upper() == GREY for zone in zones) == 1
 
 
 def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
@@ -188,7 +186,10 @@ def test_wrong_times_are_refused(radar: Case, times: Any) -> None:
 
 @pytest.mark.parametrize(
     ("suffix", "begins"),
-    [(".png", b"\x89PNG"), (".pdf", b"%PDF"), pytest.param(".svg", b"<?xml", marks=pytest.mark.slow)],
+    [
+        (".png", b"\x89PNG"),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((".pdf", b"%PDF"), (".svg", b"<?xml"))),
+    ],
 )
 def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes) -> None:
     files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
@@ -221,17 +222,174 @@ def test_users_settings_neither_matter_nor_change(radar: Case, tmp_path: Path) -
     assert (tmp_path / "before.png").read_bytes() == (tmp_path / "after.png").read_bytes()
 
 
-def test_pyplot_stays_out_and_matplotlib_waits() -> None:
-    script = """
-import sys
-import scp_planner.plotting, scp_planner.plotting.viewer
-assert "matplotlib" not in sys.modules
-import scp_planner as sp
-from scp_planner import builtin
-scenario = builtin.load("headon")
-scp_planner.plotting.plot_profiles(sp.plan(scenario, sp.Settings(max_runs=1)), scenario)
-assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
-"""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+# Axes are in units of what they show
+
+
+def test_rates_are_in_units_of_their_size() -> None:
+    names = {most: unit_of_rate("m/s", most).name for most in (7.8e3, 30.0, 1.5, 0.05, 0.02)}
+    assert names == {7.8e3: "km/s", 30.0: "m/s", 1.5: "m/s", 0.05: "m/s", 0.02: "mm/s"}
+    assert unit_of_rate("m/s²", 0.01).name == "mm/s²"
+    curvatures = {most: unit_of_rate("1/m", most).name for most in (1e-4, 0.5, 100.0, 0.0)}
+    assert curvatures == {1e-4: "1/km", 0.5: "1/m", 100.0: "1/mm", 0.0: "1/m"}
+
+
+def test_ticks_say_what_is_shown() -> None:
+    for name, most, value, text in (
+        ("m/s", 0.02, 0.005, "5"),
+        ("m/s", 7.8e3, 2.5e3, "2.5"),
+        ("1/m", 1e-4, 5e-5, "0.05"),
+        ("1/m", 100.0, 50.0, "0.05"),
+        ("m/s", 3.0, 1.5, "1.5"),
+    ):
+        unit = unit_of_rate(name, most)
+        figure = Figure()
+        axes = figure.subplots()
+        axes.set_ylim(0.0, most)
+        label_lengths(axes.yaxis, "speed", unit)
+        axes.set_yticks([value])
+        figure.draw_without_rendering()
+        assert [label.get_text() for label in axes.get_yticklabels()] == [text]
+        assert axes.get_ylabel() == f"speed ({unit.name})"
+
+
+def test_the_sketch_of_a_small_robots_plan_is_in_millimetres_each_second() -> None:
+    plan = sp.plan(
+        scene(
+            vehicle={
+                "radius": 1e-3,
+                "max_speed": 0.01,
+                "max_acceleration": 0.005,
+                "max_deceleration": 0.005,
+                "max_lateral_acceleration": 0.005,
+                "max_curvature": 300.0,
+            },
+            start={"speed": 0.0},
+            goal={"position": [0.1, 0.0]},
+        )
+    )
+    labels = {axes.get_ylabel() for axes in plan.sketch().axes}
+    assert {"y (mm)", "speed (mm/s)"} <= labels
+
+
+# Views of plans and of closed loops
+
+
+@pytest.mark.parametrize("view", View)
+def test_views_of_a_plan(radar: Case, view: View) -> None:
+    plan, scenario = radar
+    assert_legible(plan.plot(scenario, view=view))
+
+
+@pytest.mark.parametrize("view", View)
+def test_views_of_a_run(drive: sp.Run, view: View) -> None:
+    assert_legible(drive.plot(view=view))
+
+
+def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
+    draws: list[Callable[[], Figure]] = [
+        lambda: radar[0].plot(radar[1], view="globe"),
+        lambda: drive.plot(view="globe"),
+    ]
+    for draw in draws:
+        with pytest.raises(ValueError, match="view = 'globe': must be one of map, space-time, profiles"):
+            draw()
+
+
+def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) -> None:
+    alone = radar[0].plot(radar[1], view="profiles")
+    for title in ("speed (m/s)", "acceleration (m/s²)", "lateral", "curvature", "clearance"):
+        drawn = [panel_of(each, title).lines[0].get_ydata() for each in (figure, alone)]
+        assert np.ptp(drawn[1]) == pytest.approx(np.ptp(drawn[0]), rel=0.02)
+        assert panel_of(alone, title).get_xlim() == panel_of(figure, title).get_xlim()
+
+
+def test_map_of_a_run_shows_what_was_driven_and_planned(drive: sp.Run) -> None:
+    axes = map_of(drive.plot())
+    discs = [patch for patch in axes.patches if isinstance(patch, Circle) and patch.radius == 0.3]
+    assert len(discs) >= 3
+    for disc_of_vehicle in discs:
+        assert np.linalg.norm(drive.position - disc_of_vehicle.center, axis=1).min() < 0.05
+    (driven,) = axes.collections
+    assert np.abs(driven.get_segments()[-1][-1] - drive.position[-1]).max() < 1e-9
+    planned = [line for line in axes.lines if line.get_linestyle() == "--" and line.get_linewidth() == 1.0]
+    assert len(planned) == len(discs)
+
+
+# The view of space and time: which regions a plan meets
+
+
+def _regions(axes: Any) -> list[Any]:
+    return [path for collection in axes.collections for path in collection.get_paths() if len(path.vertices)]
+
+
+def test_a_clear_plan_meets_no_region(radar: Case) -> None:
+    plan, scenario = radar
+    for axes in plot_space_time(plan, scenario).axes[:2]:
+        (curve,) = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
+        points = np.stack(curve.get_data(), axis=-1)
+        regions = _regions(axes)
+        assert regions
+        # Regions are drawn from a grid: where the vehicle all but touches a zone, nobody can see which it is.
+        time = np.asarray(curve.get_xdata())
+        distances = [zone.signed_distance(time, plan.position(time)) for zone in sp.zones(scenario)]
+        clear = np.min(distances, axis=0) - scenario.vehicle.radius > 0.02
+        assert clear.mean() > 0.5
+        assert not any(region.contains_points(points[clear]).any() for region in regions)
+
+
+@pytest.mark.parametrize("offsets", [(0.0,), (-0.6, 0.0, 0.8)])
+def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple[float, ...]) -> None:
+    plan, scenario = radar
+    vehicle = scenario.vehicle.model_copy(update={"discs": offsets})
+    scenario = scenario.model_copy(update={"vehicle": vehicle})
+    middle = plan.start_time + 0.5 * plan.travel_time
+    motion = sp.Motion(position=tuple(plan.position(middle).tolist()))
+    wall = sp.Obstacle(id="wall", shape=sp.Disc(disc=1.0), motion=motion)
+    blocked = scenario.model_copy(update={"obstacles": (wall,)})
+    for axes in plot_space_time(plan, blocked).axes[:2]:
+        (curve,) = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
+        points = np.stack(curve.get_data(), axis=-1)
+        inside = np.any([region.contains_points(points) for region in _regions(axes)], axis=0)
+        time = np.asarray(curve.get_xdata())
+        heading = plan.heading(time)
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        discs = [plan.position(time) + offset * ahead for offset in offsets]
+        distance = np.min([sp.zones(blocked)[0].signed_distance(time, disc) for disc in discs], axis=0)
+        distance = distance - scenario.vehicle.radius
+        agree = inside == (distance < 0.0)
+        assert inside.any() and agree[np.abs(distance) > 0.05].all()
+
+
+def test_space_time_axes(radar: Case) -> None:
+    plan, scenario = radar
+    above, below = plot_space_time(plan, scenario).axes[:2]
+    curve = max(above.lines, key=lambda line: len(np.asarray(line.get_xdata())))
+    points = plan.position(np.linspace(plan.start_time, plan.arrival_time, 20_000))
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert np.asarray(curve.get_ydata())[-1] == pytest.approx(length, rel=1e-5)
+    offset = max(below.lines, key=lambda line: len(np.asarray(line.get_xdata())))
+    times = np.asarray(offset.get_xdata())
+    assert np.allclose(offset.get_ydata(), plan.position(times)[:, 1], atol=1e-9)  # the guide is y = 0
+
+
+def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
+    (axes,) = plot_run_space_time(drive).axes
+    curve = max(axes.lines, key=lambda line: line.get_linewidth())
+    time, station = (np.asarray(part) for part in curve.get_data())
+    assert station[-1] == pytest.approx(np.linalg.norm(np.diff(drive.position, axis=0), axis=1).sum())
+    # Before it has passed the trucks' way, and while one of them is in it, that lies ahead of it.
+    trucks = np.stack([center[:, 1] for center in drive.obstacles.values()])
+    waiting = (drive.position[:, 0] < 5.0) & (np.abs(trucks).min(axis=0) < 1.0)
+    assert waiting.mean() > 0.2 and drive.speed[waiting].min() < 1.5
+    regions = _regions(axes)
+    ahead = [
+        any(region.contains_point((t, s)) for region in regions for s in np.arange(at, station[-1], 0.2))
+        for t, at in zip(time[waiting], station[waiting], strict=True)
+    ]
+    assert all(ahead)
+    # And it meets nothing.
+    recording = drive.recording()
+    points = np.stack([recording.time, np.interp(recording.time, time, station)], axis=-1)
+    met = np.any([region.contains_points(points) for region in regions], axis=0)
+    clear = np.abs(recording.clearance) > 0.05
+    assert clear.mean() > 0.5 and np.array_equal(met[clear], recording.clearance[clear] < 0.0)

@@ -194,25 +194,3 @@ def test_speed_stands_against_the_limits_of_its_places() -> None:
     assert (speed.values <= speed.upper_at + 1e-6).all() and speed.upper == 3.0
     assert acceleration.upper_at is None
     assert record_plan(plan, scene(), 5).profiles[0].upper_at is None
-    driven = sp.simulate(scenario, noise=0.01, rate=4.0).recording(4.0)
-    assert set(driven.profiles[0].upper_at.tolist()) == {1.5, 2.0, 3.0}
-
-
-def test_corridor_has_a_clearance_and_no_body() -> None:
-    polygons = [[[-1, -2], [21, -2], [21, 2], [-1, 2]]]
-    scenario = scene(disc("o", (10.0, 1.0), radius=0.4), corridor=polygons)
-    plan = sp.plan(scenario)
-    recording = record_plan(plan, scenario, 30)
-    assert [obstacle.id for obstacle in recording.bodies] == ["o"]
-    (_, outside) = recording.obstacles
-    expected = 2.0 - np.abs(plan.position(recording.time)[:, 1]) - scenario.vehicle.radius
-    room = np.minimum(expected, np.minimum(*(np.abs(plan.position(recording.time)[:, 0] - x) - 0.3 for x in (-1, 21))))
-    assert outside.outside and outside.clearance == pytest.approx(room, abs=1e-9)
-    assert recording.clearance.min() <= outside.clearance.min()
-    run = sp.simulate(scenario, noise=0.01, rate=4.0)
-    driven = run.recording(4.0)
-    assert [obstacle.id for obstacle in driven.bodies] == ["o"]
-    assert driven.corridor[0].tolist() == polygons[0]
-    room = 2.0 - np.abs(driven.position[:, 1]) - 0.3
-    inner = (driven.position[:, 0] > 1.0) & (driven.position[:, 0] < 19.0)
-    assert driven.obstacles[-1].clearance[inner] == pytest.approx(room[inner], abs=1e-2)

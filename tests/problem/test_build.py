@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, scene
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.mathematics import corridor
-from scp_planner.mathematics.outlines import Outline
+from scp_planner.errors import TooLargeError
+from scp_planner.planning import attempts
 from scp_planner.problem.build import acceleration_breakpoints, build_problem
+from scp_planner.problem.memory import MOST_BYTES, check_memory, check_obstacles, plan_bytes
+from scp_planner.problem.near_zones import BEYOND, without_far_zones
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.models import Scenario
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.path import Path
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -77,18 +82,165 @@ def test_every_path_keeps_both_ends_and_their_headings(seed: int) -> None:
         assert found == pytest.approx(heading, abs=1e-9)
 
 
-def test_what_depends_on_a_corridor_alone_is_made_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = [[[x - 2.0, y - 2.0], [x + 3.0, y - 2.0], [x + 3.0, y + 2.0], [x - 2.0, y + 2.0]] for x, y in BEND]
-    read = scene(goal={"position": list(BEND[-1])}, corridor=cells)
+# What a problem says of itself, and the tightened one, against the scenario's own numbers
 
-    def again(*given: Any) -> Any:
-        raise AssertionError("it was made when it was read")
-
-    monkeypatch.setattr(corridor, "way_through", again)
-    monkeypatch.setattr(corridor, "outside", again)
-    monkeypatch.setattr(Outline, "polygon", again)
-    plan = sp.plan(read)
-    assert plan.certified, plan.reason
+BOX = {"min": [-1.0, -4.0], "max": [21.0, 5.0]}
 
 
-BEND = ((0.0, 0.0), (4.0, 0.0), (8.0, 1.5), (12.0, 4.0), (16.0, 6.5), (20.0, 8.0))
+def of_crossers(**changes: object) -> Problem:
+    scenario = scene(*CROSSERS, **changes)
+    return build_problem(scenario, sp.zones(scenario), Settings())
+
+
+def test_a_tightened_problem_has_larger_zones_lower_limits_and_a_smaller_box() -> None:
+    problem = of_crossers(bounds=BOX)
+    inflation = np.array([0.1, 0.0, 0.25])
+    tight = problem.tightened(inflation, {"lateral_acceleration": 0.2, "curvature": 0.05, "workspace bounds": 0.3})
+    times, places = np.linspace(0.0, 6.0, 7), np.random.default_rng(3).uniform(-4.0, 20.0, (7, 2))
+    for number, one in enumerate(CROSSERS):
+        motion = {key: np.array(value) for key, value in one["motion"].items()}
+        t = times[:, None]
+        center = motion["position"] + t * motion["velocity"] + 0.5 * t**2 * motion["acceleration"]
+        margin = problem.settings.clearance_margin
+        radius = one["shape"]["disc"] + problem.scenario.vehicle.radius + margin + inflation[number]
+        frame = problem.frame.to_frame(places)
+        found = tight.zones.distances(times - problem.frame.time, frame, np.inf)[:, number]
+        assert found == pytest.approx(np.hypot(*(places - center).T) - radius, abs=1e-6)  # rounded to 1e-7
+    rng, space = np.random.default_rng(4), problem.space
+    theta = 0.3 * rng.normal(size=space.path_size)
+    trip = Trajectory.of(space, theta, rng.uniform(-0.2, 0.5, space.acceleration_size))
+    before, after = (
+        {one.name: one.worst(trip, one.excess(trip)).max() for one in each.constraints} for each in (problem, tight)
+    )
+    assert tight.zones.radius - problem.zones.radius == pytest.approx(inflation, abs=1e-12)
+    assert after["curvature"] == pytest.approx((before["curvature"] + 1.0) / 0.95 - 1.0, rel=1e-12)
+    assert after["lateral_acceleration"] == pytest.approx((before["lateral_acceleration"] + 1.0) / 0.8 - 1.0, rel=1e-9)
+    assert after["workspace bounds"] == pytest.approx(before["workspace bounds"] + 0.3, abs=1e-12)
+    assert after["speed"] == before["speed"] and tight.limits.speed == problem.limits.speed
+    assert problem.among(tight.zones).zones is tight.zones and problem.among(tight.zones).limits is problem.limits
+
+
+@pytest.mark.parametrize("given", [None, -0.5])
+def test_accelerations_are_bounded_by_the_vehicle_but_for_the_given_one(given: float | None) -> None:
+    problem = of_crossers(start={"acceleration": given})
+    highest, lowest = problem.highest_accelerations, problem.lowest_accelerations
+    assert len(highest) == len(lowest) == problem.space.acceleration_size
+    assert highest[1:] == pytest.approx(1.5, rel=1e-3) and lowest[1:] == pytest.approx(-2.0, rel=1e-3)
+    if given is not None:
+        assert (highest[0], lowest[0]) == (given, given)
+
+
+def test_sizes_are_those_of_the_splines() -> None:
+    """A path and a drive of so many spans, with both ends and the start's heading given."""
+    problem = of_crossers()
+    spans, degree = len(problem.space.path.widths), problem.settings.path_degree
+    given = degree + spans - (problem.ends.free.stop - problem.ends.free.start)
+    assert given == 3  # offset and slope at the start, offset at the goal
+    accelerations = len(problem.space.acceleration.widths) + problem.settings.acceleration_degree
+    assert problem.step_size == spans + degree - given + accelerations + 1
+    assert problem.jumps.sigma == pytest.approx(problem.space.acceleration.breakpoints[1:-1])
+    assert problem.agility == pytest.approx(1.0)  # 2 m/s^2 where 2 are usual
+
+
+# Zones that no trip can meet are left out, and no other
+
+LONGEST = 12.0  # s
+
+
+def test_only_what_stays_away_from_all_trips_is_left_out() -> None:
+    rng = np.random.default_rng(9)
+    place, velocity = rng.uniform([-30.0, -40.0], [50.0, 40.0], (60, 2)), rng.normal(size=(60, 2))
+    rows = np.concatenate([place, velocity], axis=1).tolist()
+    scenario = scene(*(disc(f"d{k}", (x, y), (u, v)) for k, (x, y, u, v) in enumerate(rows)))
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    near = without_far_zones(problem, LONGEST)
+
+    times = np.linspace(0.0, LONGEST, 400)[:, None, None]
+    center = place + times * velocity
+    reach = problem.settings.max_offset + BEYOND
+    start, goal = np.array(scenario.start.position), np.array(scenario.goal.position)
+    nearest = np.clip(center, np.minimum(start, goal) - reach, np.maximum(start, goal) + reach)
+    clearance = (np.linalg.norm(center - nearest, axis=2) - problem.zones.radius).min(axis=0)
+    kept = np.isin(problem.zones.ids, near.zones.ids)
+    assert np.all(kept[clearance < 0.0]) and (clearance < 0.0).sum() > 8
+    wide = 0.5 * LONGEST / 32 * np.linalg.norm(velocity, axis=1)  # of an interval in which a zone is looked at
+    assert not np.any(kept[clearance > 2.0 * wide + 1e-6]) and (~kept).sum() > 8
+
+
+def test_few_zones_are_all_kept() -> None:
+    scenario = scene(disc("far", (500.0, 500.0)))
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    assert without_far_zones(problem, LONGEST) is problem
+
+
+# What planning takes is known before it is taken, and what is too much is refused at once
+
+MEGABYTE = 1_000_000
+QUICK: dict[str, Any] = {"max_runs": 1, "max_iterations": 2, "searches": 1}
+
+
+def seen(count: int) -> list[dict[str, Any]]:
+    """Obstacles that were seen through noise, all over the trip."""
+    rng = np.random.default_rng(count)
+    times = np.linspace(-1.0, 0.0, 5)
+    found = []
+    for k in range(count):
+        place, velocity = rng.uniform((3.0, -5.0), (19.0, 5.0)), rng.uniform(-0.3, 0.3, 2)
+        positions = place + times[:, None] * velocity + 0.01 * rng.normal(size=(5, 2))
+        observations = {
+            "time": times.tolist(),
+            "position": positions.tolist(),
+            "covariance": [[1e-4, 0.0], [0.0, 1e-4]],
+        }
+        found.append(
+            {"id": f"o{k}", "shape": {"disc": 0.02}, "observations": observations, "model": {"order": 1}},
+        )
+    return found
+
+
+def peak_of_a_plan(scenario: Scenario, settings: Settings) -> int:
+    sp.plan(scene(*seen(1)), Settings(**QUICK))  # what is loaded once is no part of it
+    tracemalloc.start()
+    try:
+        sp.plan(scenario, settings)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("spans", "samples", "count"), [(160, 30, 1), (12, 800, 10)])
+def test_a_plan_takes_no_more_than_was_estimated_and_not_much_less(spans: int, samples: int, count: int) -> None:
+    settings = Settings(path_span=20.0 / spans, max_path_spans=200, samples=samples, acceleration_spans=10, **QUICK)
+    estimate = plan_bytes(spans, 12, samples, count)
+    peak = peak_of_a_plan(scene(*seen(count)), settings)
+    search = 25 * MEGABYTE  # which has limits of its own
+    assert 0.15 * estimate < peak < estimate + search
+
+
+def test_too_many_obstacles_are_refused_at_once() -> None:
+    with pytest.raises(TooLargeError, match=r"obstacles: 60000 of them .* at 160 samples .* MB .* fewer samples"):
+        check_memory(13, 24, 160, 60_000)
+
+
+def test_too_many_spans_are_refused_before_their_tables_are_made() -> None:
+    tracemalloc.start()
+    try:
+        with pytest.raises(TooLargeError, match=r"path: 5000 spans .* larger path_span"):
+            build_problem(scene(), (), Settings(), spans=5000)
+        assert tracemalloc.get_traced_memory()[1] < 5 * MEGABYTE
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_needs_least_is_never_refused() -> None:
+    check_memory(13, 24, 160, 300)
+    check_memory(200, 200, 160, 10)
+    assert plan_bytes(13, 24, 160, 300) < 0.1 * MOST_BYTES
+    assert attempts.ReadyProblem.of(build_problem(scene(), (), Settings())).near.zones.size == 0
+
+
+def test_more_obstacles_than_can_be_made_ready_are_refused_at_once() -> None:
+    """Two hundred thousand took 1.5 GB before what may be met of them was counted."""
+    check_obstacles(80_000)
+    with pytest.raises(TooLargeError, match=r"obstacles: 200000 of them would take 800 MB .* at most 83750"):
+        check_obstacles(200_000)

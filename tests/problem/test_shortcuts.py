@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
 
@@ -12,7 +11,6 @@ from clock import FakeClock
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.problem import shortcuts
 from scp_planner.problem.build import build_problem, slow_stretches
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.shortcuts import fastest_way, ground_of
@@ -141,17 +139,3 @@ def test_a_look_at_the_ground_is_given_up_at_its_deadline(monkeypatch: pytest.Mo
     assert fastest_way(problem, slow, deadline=2.5) is None
     assert clock() == 4.0, "the look at which it was late was the last"
     assert np.array_equal(whole, np.asarray(fastest_way(problem, slow, deadline=1e9)))
-
-
-def test_how_slow_places_are_does_not_depend_on_how_many_are_looked_at_together(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    line = [[7.0, -0.4], [10.0, 5.0], [13.0, -0.4]]
-    scenario = scene(speed_limits=[{"from": 2.0, "to": 10.4, "speed": 0.5, "line": line}])
-    problem = problem_of(scenario)
-    ground = replace(ground_of(problem, slow_stretches(scenario, problem.frame, problem.settings)), beside=0.3)
-    places = np.random.default_rng(0).uniform([0.0, -6.0], [20.0, 6.0], (500, 2))
-    together = ground.slowness(places)
-    monkeypatch.setattr(shortcuts, "MOST_LOOKS", 35)
-    assert np.array_equal(together, ground.slowness(places))
-    assert 0.1 < (together > together.min()).mean() < 0.9

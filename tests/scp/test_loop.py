@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
+import cvxpy as cp
 import numpy as np
 import pytest
 from clock import FakeClock
@@ -14,15 +16,21 @@ from scenes import CROSSERS, scene
 import scp_planner as sp
 from scp_planner.arrays import Array, Index
 from scp_planner.constraints.constraint import Constraint
+from scp_planner.constraints.drive import DriveRows
 from scp_planner.problem.build import build_problem
+from scp_planner.scp import step_solver
+from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.goal import Cutoff, RunLimits
+from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.record import LoopStatus
+from scp_planner.scp.step_solver import StepSolver
+from scp_planner.scp.subproblem import build_subproblem
 from scp_planner.search.first_trips import bows
-from scp_planner.solvers import QuadraticProgram, solver_named
-from scp_planner.solvers.interface import QpSolver, Solution
+from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
@@ -178,3 +186,110 @@ def test_a_run_goes_on_step_by_step() -> None:
     assert state.run.status is whole.status and len(state.run.record) == len(whole.record)
     assert state.run.evaluation.trajectory.travel_time == whole.evaluation.trajectory.travel_time
     assert merits[-1] < merits[0]
+
+
+# What one subproblem's solution is worth
+
+
+def test_a_step_is_the_solution_of_its_program_inside_the_trust_region() -> None:
+    trust, drive = TrustRegion(0.5, 1.0, 0.2), DriveRows(PROBLEM)
+    rows = linearise(PROBLEM, evaluate_trip(PROBLEM, START), trust)
+    weights = np.full(sum(PROBLEM.sizes), 5.0)
+    sub = build_subproblem(PROBLEM, drive, START, rows, weights, trust)
+    program = sub.program.whole()
+    x = cp.Variable(len(program.gradient))
+    left = program.matrix @ x - program.bound
+    constraints: list[Any] = [x >= program.lower, x <= program.upper, left[:1] == 0, left[1:] <= 0]
+    wanted = cp.Problem(
+        cp.Minimize(0.5 * cp.quad_form(x, cp.psd_wrap(program.hessian)) + program.gradient @ x),  # type: ignore[attr-defined]
+        constraints,
+    ).solve(solver="CLARABEL")  # type: ignore[no-untyped-call]
+    z = solver_named("daqp").solve(program).x
+    assert 0.5 * z @ program.hessian @ z + program.gradient @ z == pytest.approx(wanted, rel=1e-6, abs=1e-7)
+    free = PROBLEM.ends.free
+    count = free.stop - free.start
+    assert np.all(np.abs(z[:count]) <= trust.theta * PROBLEM.space.tables.leverage[free] + 1e-9)
+    assert abs(z[sub.step_size - 1]) <= trust.rho + 1e-9
+    # A second call writes into its own program, not into the first one's
+    before = program.matrix.copy()
+    build_subproblem(
+        PROBLEM,
+        drive,
+        ScpLoop(PROBLEM, solver_named("daqp")).run(START, 1).evaluation.trajectory,
+        rows,
+        weights,
+        trust,
+    )
+    np.testing.assert_array_equal(sub.program.whole().matrix, before)
+
+
+# The solver of the subproblems: what it is given of the time, and when another one takes its place
+
+# The nearest point to (1, 2) with x + y <= 1: (0, 1).
+PROGRAM = SlackedProgram(
+    hessian=np.eye(2),
+    gradient=np.array([-1.0, -2.0]),
+    lower=np.full(2, -5.0),
+    upper=np.full(2, 5.0),
+    hard=np.ones((1, 2)),
+    soft=np.zeros((0, 2)),
+    slack=np.zeros(0, dtype=np.intp),
+    bound=np.ones(1),
+    equalities=0,
+    time_limit=5.0,
+)
+
+
+class Answers:
+    """A solver that says the same of every program, and keeps how long it was given for each."""
+
+    name = "answers"
+
+    def __init__(self, status: SolverStatus) -> None:
+        self.status = status
+        self.given: list[float] = []
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        self.given.append(program.time_limit)
+        return Solution(self.status, np.array([7.0, 7.0]), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("left", "limit", "given"), [(2.0, 5.0, 2.0), (9.0, 5.0, 5.0), (np.inf, 5.0, 5.0), (-1.0, 5.0, 0.1)]
+)
+def test_a_solver_has_what_is_left_of_the_time(
+    left: float, limit: float, given: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    FakeClock(0.0).rule(monkeypatch)
+    solver = Answers(SolverStatus.OPTIMAL)
+    found = StepSolver(solver, None, shortest=0.1).solve(replace(PROGRAM, time_limit=limit), left)
+    assert solver.given == [given]
+    assert found is not None and found.x.tolist() == [7.0, 7.0]
+
+
+@pytest.mark.parametrize(
+    ("status", "fallback", "left", "asked"),
+    [
+        (SolverStatus.FAILED, "clarabel", 1.0, True),
+        (SolverStatus.FAILED, "clarabel", -1.0, False),
+        (SolverStatus.FAILED, None, 1.0, False),
+        (SolverStatus.INFEASIBLE, "clarabel", 1.0, False),
+    ],
+)
+def test_another_solver_is_asked_only_where_one_failed_in_time(
+    status: SolverStatus, fallback: str | None, left: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    FakeClock(0.0).rule(monkeypatch)
+    other = Answers(SolverStatus.OPTIMAL)
+    monkeypatch.setattr(step_solver, "solver_named", {"clarabel": other}.__getitem__)
+    found = StepSolver(Answers(status), fallback, shortest=0.1).solve(PROGRAM, left)
+    assert (found is not None) == asked
+    assert other.given == ([1.0] if asked else [])
+
+
+@pytest.mark.numerics
+def test_the_step_is_that_of_the_program() -> None:
+    failed = StepSolver(Answers(SolverStatus.FAILED), "clarabel", shortest=0.1)
+    for solver in (StepSolver(solver_named("daqp"), None, shortest=0.1), failed):
+        found = solver.solve(PROGRAM, np.inf)
+        assert found is not None and found.x == pytest.approx([0.0, 1.0], abs=1e-7)

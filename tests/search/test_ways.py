@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.search.first_trips import trip_along
-from scp_planner.search.starts import coarsenesses
+from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.starts import coarsenesses, starts
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -150,52 +150,6 @@ def test_ways_end_where_none_can_be_as_fast_as_what_has_been_found() -> None:
     assert bounded == [one for one in every if one <= most[-1]]
 
 
-def test_the_same_search_twice_is_the_same_to_the_bit() -> None:
-    problem = problem_of(scene(*CROSSERS))
-    first, second = (list(ways(WaySearch(problem), 8)) for _ in range(2))
-    assert len(first) == len(second) > 1
-    for a, b in zip(first, second, strict=True):
-        assert a.travel_time == b.travel_time
-        np.testing.assert_array_equal(a.offsets, b.offsets)
-        np.testing.assert_array_equal(a.times, b.times)
-
-
-def test_scaling_a_scene_scales_its_ways() -> None:
-    """Lengths by eight and times by four: the same grid, so the same cells and ways."""
-    length, time = 8.0, 4.0
-
-    def scaled(obstacle: dict[str, Any]) -> dict[str, Any]:
-        motion = obstacle["motion"]
-        return disc(
-            obstacle["id"],
-            tuple(length * x for x in motion["position"]),
-            tuple(length / time * x for x in motion["velocity"]),
-            tuple(length / time**2 * x for x in motion["acceleration"]),
-            length * obstacle["shape"]["disc"],
-        )
-
-    vehicle = {
-        "radius": 0.3 * length,
-        "max_speed": 3.0 * length / time,
-        "max_acceleration": 1.5 * length / time**2,
-        "max_deceleration": 2.0 * length / time**2,
-        "max_lateral_acceleration": 2.0 * length / time**2,
-        "max_curvature": 1.0 / length,
-    }
-    small = problem_of(scene(*CROSSERS))
-    large_scene = scene(
-        *map(scaled, CROSSERS),
-        vehicle=vehicle,
-        start={"speed": length / time},
-        goal={"position": [20.0 * length, 0.0]},
-    )
-    settings = Settings(max_offset=8.0 * length, clearance_margin=1e-3 * length, path_span=1.5 * length)
-    large = build_problem(large_scene, zones(large_scene), settings)
-    for a, b in zip(ways(WaySearch(small), 4), ways(WaySearch(large), 4), strict=True):
-        assert b.travel_time == pytest.approx(time * a.travel_time, rel=1e-9)
-        np.testing.assert_allclose(b.offsets, length * a.offsets, atol=1e-9)
-
-
 def test_a_way_waits_for_a_goal_that_opens_late() -> None:
     """The fastest drive takes under 4 s: even the coarsest of the usual delays would not last."""
     scenario = scene(
@@ -218,3 +172,60 @@ def test_after_the_deadline_no_way_is_found() -> None:
     problem = problem_of(scene(*[disc(f"o{k}", (2.0 + 0.4 * k, 3.0), radius=0.2) for k in range(40)]))
     assert WaySearch(problem).best() is not None
     assert WaySearch(problem, deadline=-np.inf).best() is None
+
+
+# Trips along ways: what they fit best by least squares, and drives of the textbook
+
+
+def of_crossers(**changes: object) -> Problem:
+    scenario = scene(*CROSSERS, **changes)
+    return build_problem(scenario, zones(scenario), Settings())
+
+
+@pytest.mark.parametrize("smoothing", [1.0, 0.1])
+def test_a_trip_along_a_way_fits_its_offsets_and_bends_as_little(smoothing: float) -> None:
+    problem = of_crossers()
+    way = WaySearch(problem).best()
+    assert way is not None and np.abs(way.offsets).max() > 0.3
+    trip = trip_along(problem, way, smoothing)
+    space, free = problem.space, problem.ends.free
+    rows = space.path.rows(way.stations / space.length)
+    weighted = space.tables.station_bends * (smoothing / space.length**2)
+    matrix, theta = np.concatenate([rows, weighted]), problem.ends.theta.copy()
+    wanted = np.concatenate([way.offsets, np.zeros(len(weighted))]) - matrix @ theta
+    theta[free] += np.linalg.lstsq(matrix[:, free], wanted, rcond=None)[0]
+    assert trip.theta == pytest.approx(np.clip(theta, problem.ends.lower, problem.ends.upper), abs=1e-6)
+    assert trip.travel_time == pytest.approx(way.times[-1], rel=0.05)
+    assert np.all(trip.beta <= problem.highest_accelerations + 1e-9)
+    assert np.all(trip.beta >= problem.lowest_accelerations - 1e-9)
+
+
+def test_bows_go_to_both_sides_and_arrive() -> None:
+    problem = of_crossers()
+    found = list(bows(problem))
+    middle = [float(trip.path.points(np.array([0.5])).position[0, 1]) for trip in found]
+    assert [int(np.sign(round(y, 6))) for y in middle] == [0, 1, -1, 1, -1] * 2
+    assert all(math.isfinite(trip.travel_time) for trip in found)
+    assert min(trip.travel_time for trip in found[5:]) > max(trip.travel_time for trip in found[:1])
+
+
+# Starts for any method: different ways round, and bows where there is none
+
+
+def coarse_problem(scenario: Scenario) -> Problem:
+    return build_problem(scenario, zones(scenario), Settings(path_span=2.5, acceleration_spans=8, samples=80))
+
+
+def test_starts_are_several_different_ways() -> None:
+    found = list(starts(coarse_problem(scene(*CROSSERS)), 12))
+    assert len(found) >= 3
+    assert found[0][0] == min(estimate for estimate, _ in found)
+    ends = {tuple(np.round(trajectory.theta, 3)) for _, trajectory in found}
+    assert len(ends) == len(found)
+
+
+def test_starts_are_bows_where_there_is_no_way() -> None:
+    problem = coarse_problem(scene(disc("on-goal", (20.0, 0.5), radius=2.0)))
+    found = list(starts(problem, 4))
+    assert {estimate for estimate, _ in found} == {0.0}
+    assert [start.travel_time for _, start in found] == [bow.travel_time for bow in bows(problem)]

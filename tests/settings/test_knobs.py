@@ -147,11 +147,6 @@ def test_text_that_is_no_setting_is_refused(text: str, said: str) -> None:
     assert said in str(refused.value)
 
 
-def test_safety_is_refused_by_its_words() -> None:
-    with pytest.raises(SettingsError, match="must be one of stop, trip"):
-        sp.OnlineSettings.from_text(["safety=hope"])
-
-
 def test_assignments_of_two_classes_are_told_apart_by_name() -> None:
     assert not set(knobs(sp.Settings)) & set(knobs(sp.OnlineSettings))
     values = parse_assignments(["path_span=2", "iterations=5"], sp.Settings, sp.OnlineSettings)

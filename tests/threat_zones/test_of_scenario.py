@@ -9,10 +9,9 @@ import pytest
 from scenes import CROSSERS, disc, observed, scene
 
 import scp_planner as sp
-from scp_planner.mathematics.ellipse import ellipse_contact, support
+from scp_planner.mathematics.ellipse import ellipse_contact
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import estimate_obstacle
@@ -33,22 +32,6 @@ MIXED = scene(
     start={"time": 0.0, "position": [1.0, 2.0]},
     goal={"position": [15.0, 9.0]},
 )
-
-
-def test_the_signed_distance_to_an_ellipse_is_the_largest_separation() -> None:
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(300, 2, 2)) * rng.uniform(0.05, 2.0, (300, 1, 1))
-    matrix = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
-    packed = np.stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]], axis=1)
-    points = rng.normal(size=(300, 2)) * rng.choice([0.01, 0.3, 1.0, 6.0], (300, 1))
-    contact = ellipse_contact(points, packed)
-    angle = np.linspace(0.0, 2 * np.pi, 20001)
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    for point, quadratic, distance in zip(points, matrix, contact.distance, strict=True):
-        separation = directions @ point - np.sqrt(np.einsum("ij,jk,ik->i", directions, quadratic, directions))
-        assert separation.max() <= distance + 1e-12
-        assert distance == pytest.approx(separation.max(), abs=1e-5)
-    np.testing.assert_allclose(np.hypot(*contact.normal.T), 1.0, atol=1e-12)
 
 
 def test_points_on_the_axes_of_an_ellipse_have_a_distance() -> None:
@@ -102,30 +85,6 @@ def test_an_estimated_zone_grows_and_the_growth_is_in_the_rate() -> None:
     velocity = batch.velocities.at(np.zeros(1, dtype=int), times)
     moved = -float(contact.normal[0] @ velocity[0])
     assert contact.rate[0] < moved - 0.05
-
-
-def test_bounds_on_intervals_hold_everywhere_in_them() -> None:
-    _, _, batch = batch_of(MIXED)
-    rng = np.random.default_rng(6)
-    index = rng.integers(0, batch.size, 100)
-    times, half = rng.uniform(0.5, 6.0, 100), rng.uniform(0.001, 0.3, 100)
-    angle = rng.uniform(0, 2 * np.pi, 100)
-    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    bend = ZoneBounds(batch).growth_second_bound(index, times, half, normal)
-    turning = ZoneBounds(batch).acceleration(index, times, half)
-    accelerations = batch.velocities.derivative
-    step = 1e-3
-    for x in np.linspace(-1.0, 1.0, 11):
-        t = times + x * half
-        assert np.all(np.hypot(*accelerations.at(index, t).T) <= turning + 1e-9)
-        rows = np.flatnonzero(batch.slot[index] >= 0)
-        covariances = batch.covariances
-        assert covariances is not None
-        values = [
-            support(covariances.at(batch.slot[index[rows]], t[rows] + s * step), normal[rows]) for s in (-1, 0, 1)
-        ]
-        second = (values[0] - 2 * values[1] + values[2]) / step**2
-        assert np.all(second <= bend[rows] + 1e-4)
 
 
 def test_the_search_radius_covers_the_zone() -> None:

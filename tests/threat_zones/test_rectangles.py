@@ -155,7 +155,7 @@ def test_an_observed_rectangle_is_far_narrower_than_its_disc() -> None:
 
 def test_a_tracked_rectangle_that_wanders_is_held_at_all_times() -> None:
     """The velocity does a random walk: its direction is off by the estimate's error and by what comes."""
-    rng, runs, inside, shaped = np.random.default_rng(3), 300, 0, 0
+    rng, runs, inside, shaped = np.random.default_rng(3), 120, 0, 0
     covariance, diffusion, step = np.diag([0.04, 0.04, 0.05, 0.05]), 0.15, 0.02
     process = {
         "process": {"kind": "random_walk", "diffusion": diffusion},

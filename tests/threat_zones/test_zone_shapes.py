@@ -11,7 +11,6 @@ from zone_kinds import KINDS, batch_of, seen, shaped
 
 import scp_planner as sp
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
-from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -195,30 +194,3 @@ def test_what_sets_off_heads_where_it_accelerates() -> None:
     car = shaped("car", {"rectangle": [4.0, 1.0]}, (1.5, 0.0), (0.0, 0.0), (0.0, 1.0))
     zone = sp.zones(scene(car))[0]
     np.testing.assert_allclose(zone.signed_distance(0.0, np.array([[2.5, 0.0], [1.5, 2.5]])), [0.5, 0.5])
-
-
-def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
-    from scp_planner.problem.build import build_problem
-    from scp_planner.settings.planning import Settings
-
-    truck = shaped("truck", {"rectangle": [8.0, 2.5]}, (9.0, -1.0), (0.8, 0.0))
-    scenario = scene(truck, start={"heading": None})
-    problem = build_problem(scenario, sp.zones(scenario), Settings())
-    dense = problem.space.time_table(np.linspace(0.0, 1.0, 10_001))
-    rng = np.random.default_rng(0)
-    compared = 0
-    for _ in range(60):
-        theta = problem.ends.theta.copy()
-        free = problem.ends.free
-        theta[free] = rng.uniform(1.0, 3.5) * np.sin(np.linspace(0.0, np.pi, len(theta)))[free] + 0.1 * rng.normal(
-            size=len(theta[free])
-        )
-        trip = Trajectory.of(problem.space, theta, rng.uniform(0.0, 0.6, problem.space.acceleration_size))
-        clearance = problem.constraints[0]
-        found = -clearance.worst(trip, clearance.excess(trip)).max()
-        there = trip.at(dense)
-        least = problem.zones.distances(there.time, there.path.position).min()
-        if -0.25 < least < 1.0:  # deeper inside the nearest edge changes
-            compared += 1
-            assert found == pytest.approx(least, abs=1e-4)
-    assert compared >= 8

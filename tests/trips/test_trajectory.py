@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from scp_planner.trips.guide import StraightGuide
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
+from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 pytestmark = pytest.mark.numerics
 
@@ -143,24 +146,6 @@ def test_times_are_found_back_from_distances(degree: int) -> None:
     np.testing.assert_allclose(trip.speed_at(sigma), points.speed, atol=1e-12)
 
 
-def test_a_standing_vehicle_has_some_time_for_its_distance() -> None:
-    trips = space(0)
-    beta = np.array([-1.0, -1.0, 0.0, 1.0, 1.0, 1.0])
-    # Brake to a stop at the second breakpoint, stand, and go on.
-    theta = np.zeros(trips.path_size)
-    low, high = 0.1, 200.0
-    for _ in range(200):
-        tau = 0.5 * (low + high)
-        speed = 1.0 - tau * 0.19 * 1.0
-        low, high = (tau, high) if speed > 0 else (low, tau)
-    beta[:2] = -1.0 / (tau * 0.19)
-    trip = Trajectory(Trajectory.of(trips, theta, np.abs(beta)).path, beta, tau)
-    stopped = trip.at(trips.time_table(np.array([0.19, 0.3, 0.4])))
-    np.testing.assert_allclose(stopped.speed, 0.0, atol=1e-9)
-    sigma = trip.arrivals(stopped.distance).sigma
-    assert np.all((sigma > 0.18) & (sigma < 0.41))
-
-
 @pytest.mark.parametrize("spans", [10, 30], ids=["few-cells", "many-cells"])
 def test_gradients_of_the_arc_length_agree_with_differences(spans: int) -> None:
     trips = space(spans=spans)
@@ -175,3 +160,85 @@ def test_gradients_of_the_arc_length_agree_with_differences(spans: int) -> None:
         lengths = [Trajectory.of(trips, theta, trip.beta).path.arc_length_at(parameters) for theta in moved]
         np.testing.assert_allclose(gradient[:, k], (lengths[0] - lengths[1]) / (2 * step), atol=1e-8)
     np.testing.assert_allclose(gradient[-1], trip.path.final_gradient, atol=1e-12)
+
+
+# The arc length by which trips are driven, against quadrature, where speeds over the station change fast
+
+BEND = CurvedGuide(20.0, 0.4 * np.sin(np.linspace(0.0, 3.0, 16)))
+"""Its 15 pieces are not the cells of paths with 10 spans."""
+GUIDES: list[Guide] = [StraightGuide(20.0), BEND]
+
+
+def steep(guide: Guide, degree: int = 5, size: float = 2.0, seed: int = 3) -> Path:
+    space = TripSpace(guide, 1.0, degree, 10, 0, (0.0, 0.3, 0.6, 1.0))
+    theta = size * np.random.default_rng(seed).normal(size=space.path_size)
+    return Path(space, theta)
+
+
+def integral(path: Path, end: float) -> float:
+    """The arc length up to a normalised station, piece by piece."""
+    inner = np.union1d(np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 16))
+    edges = [*inner[inner < end - 1e-9], end]
+
+    def speed(u: float) -> float:
+        return path.space.length * float(path.points(np.array([u])).speed[0])
+
+    return sum(quad(speed, low, high, epsabs=1e-13, epsrel=1e-13, limit=400)[0] for low, high in pairwise(edges))
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=["straight", "curved"])
+@pytest.mark.parametrize("degree", [3, 5])
+def test_arc_lengths_are_as_near_to_the_integral_as_they_say(guide: Guide, degree: int) -> None:
+    path = steep(guide, degree)
+    exact = path.exact
+    assert 0.0 < exact.error < 1e-11 * exact.total
+    for end in (0.033, 0.1, 0.47, 0.815, 1.0):
+        found = float(exact.at(np.array([end]))[0])
+        assert abs(found - integral(path, end)) <= exact.error + 1e-13 * exact.total
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=["straight", "curved"])
+def test_stations_are_found_back(guide: Guide) -> None:
+    path = steep(guide)
+    parameters = np.linspace(0.0, 1.0, 1001)
+    found = path.exact.parameter_at(path.exact.at(parameters))
+    np.testing.assert_allclose(found, parameters, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(path.exact.parameter_at(np.array([-1.0, 1e9])), [0.0, 1.0], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=["straight", "curved"])
+def test_a_trip_is_driven_at_the_speed_that_it_has(guide: Guide) -> None:
+    path = steep(guide)
+    drawn = Trajectory.of(path.space, path.theta, np.array([0.3, 0.0, -0.2]))
+    trip = Trip(PlanningFrame((0.0, 0.0), 0.0, 0.0), drawn.settled())
+    step = 1e-6 * trip.trajectory.travel_time
+    times = np.linspace(0.01, 0.99, 4001) * trip.trajectory.travel_time
+    there = trip.at(times)[0].speed
+
+    def seen(at: np.ndarray) -> np.ndarray:
+        return np.hypot(*at.T) / (2.0 * step)
+
+    ahead, behind = trip.at(times + step)[0], trip.at(times - step)[0]
+    np.testing.assert_allclose(seen(ahead.path.position - behind.path.position), there, rtol=0.0, atol=2e-7)
+    # Between equal cells the speed over the station is interpolated, and what is driven by that is another speed.
+    ends = [drawn.at(drawn.space.time_table((times + by) / drawn.travel_time)).path.position for by in (step, -step)]
+    rough = seen(ends[0] - ends[1])
+    assert np.abs(rough - there).max() > 1e-4
+
+
+def test_a_trip_is_settled_to_the_end_of_its_path() -> None:
+    path = steep(StraightGuide(20.0), size=6.0)
+    drawn = Trajectory.of(path.space, path.theta, np.array([0.3, 0.0, -0.2]))
+    assert abs(path.arc_length - path.exact.total) > 1e-9
+    settled = drawn.settled()
+    driven = settled.drive_at(np.ones(1)).distance[0]
+    assert driven == pytest.approx(path.exact.total, rel=1e-14)
+    assert settled.arrives
+    assert settled.settled() is settled
+
+
+def test_a_path_with_a_cusp_has_no_error_that_is_known() -> None:
+    bend = CurvedGuide(10.0, np.linspace(0.0, 2.0, 11))  # a radius of 5 m
+    space = TripSpace(bend, 1.0, 3, 2, 0, (0.0, 1.0))
+    path = Path(space, np.full(space.path_size, 5.0))
+    assert path.exact.error == float("inf")

@@ -119,12 +119,6 @@ def test_the_page_tells_what_closed_loops_came_to(tmp_path: Path) -> None:
     assert ["all", "3.00", "3.80", "3.98", "4.00"] in cells
 
 
-def row(method: str, scenario: str, start_set: str, wall: float, time: float, certified: int) -> dict[str, str]:
-    values = {"method": method, "family": "f", "scenario": scenario, "start_set": start_set, "wall_ms": wall}
-    values |= {"travel_time": time, "certified": certified, "checked": 1, "bow": 0.0, "speed_share": 1.0}
-    return {key: str(value) for key, value in values.items()}
-
-
 def test_online_fault_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert online.main(["faults", "--count", "1", "--check-every", "10", "--output", str(tmp_path)]) == 0
     *_, last = capsys.readouterr().out.splitlines()

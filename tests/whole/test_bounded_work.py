@@ -77,6 +77,14 @@ def test_the_peak_is_what_was_taken_at_once() -> None:
     assert 30 * MEGABYTE < peak < 130 * MEGABYTE
 
 
+def test_a_plan_is_told_at_many_times_part_by_part() -> None:
+    plan = sp.plan(scene())
+    times = np.linspace(plan.start_time, plan.arrival_time, 333_333).reshape(3, -1)
+    places, peak = peak_of(lambda: plan.position(times))
+    assert peak < 200 * MEGABYTE  # all at once they took 1.2 GB
+    np.testing.assert_allclose(places[1, ::9999], plan.position(times[1, ::9999]), atol=1e-12)
+
+
 def test_the_grid_of_a_trip_of_two_hundred_kilometres_fits_into_memory() -> None:
     scenario = scene(disc("near", (10.0, 0.3)), goal={"position": [2e5, 0.0]})
     inside = NaturalUnits.of(scenario).scenario(scenario)

@@ -111,14 +111,6 @@ def test_bad_options_of_a_study_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_study_coverage_writes_table_and_figure(tmp_path: Path) -> None:
-    result = run("study", "coverage", "--runs", "200", "-o", tmp_path / "coverage")
-    assert result.exit_code == 0, result.stderr
-    assert (tmp_path / "coverage" / "coverage.png").stat().st_size > 10_000
-    rows = (tmp_path / "coverage" / "coverage.csv").read_text().splitlines()
-    assert len(rows) > 20 and "per_obstacle" in result.stdout
-
-
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

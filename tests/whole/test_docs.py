@@ -8,8 +8,7 @@ A page's blocks run in order, in one namespace and one empty folder:
   code of the command before, which is 0 otherwise.
 
 In what is printed ``...`` stands for anything, and white space does not matter. A block after a comment
-``<!-- not run: why -->`` is not run; what may stand in those is listed in ``NOT_RUN``.
-"""
+``<!-- not run: why -->`` is not run; what may stand in those is listed in ``NOT_RUN``."""
 
 from __future__ import annotations
 
@@ -18,6 +17,7 @@ import doctest
 import importlib.util
 import io
 import os
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -25,15 +25,21 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import typer.main
 from typer.testing import CliRunner
 
 import scp_planner as sp
 from scp_planner.cli import app
+from scp_planner.cli.application import COMMANDS
+from scp_planner.settings.knobs import knobs
+from scp_planner.settings.online import Newcomers, OnlineSettings
+from scp_planner.settings.planning import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -289,3 +295,100 @@ def test_the_site_is_whole_and_fetches_nothing(built: Path) -> None:
     assert [name for name, value in public if f'id="{value.__module__}.{name}"' not in reference] == []
     # Nothing is fetched from elsewhere.
     assert re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"?https?://[^\s>]*", page) == []
+
+
+# The page *From the paper to the code*: what it names is there
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "explanation" / "paper-to-code.md"
+
+
+def named() -> list[str]:
+    """Dotted names of modules and what is in them, in the table of symbols."""
+    table = PAGE.read_text(encoding="utf-8").split("## Symbols")[1].split("## The objective")[0]
+    return sorted(set(re.findall(r"`([a-z_]+\.[A-Za-z_.]+)`", table)))
+
+
+@pytest.mark.parametrize("name", named())
+def test_every_name_in_the_table_of_symbols_is_there(name: str) -> None:
+    found = pkgutil.resolve_name(f"scp_planner.{name}")
+    assert found is not None
+
+
+def test_the_table_names_what_it_should() -> None:
+    assert len(named()) >= 15
+
+
+def test_pictures_and_pages_that_it_links_to_are_there() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text(encoding="utf-8"))
+    assert links
+    assert [link for link in links if not (PAGE.parent / link).is_file()] == []
+
+
+def test_travel_time_is_written_as_the_page_says() -> None:
+    """2 L / (v0 + sqrt(v0^2 + 4 A L)) is the root of v0 tau + A tau^2 = L, with all its digits where A is tiny."""
+    from scp_planner.problem.build import build_problem
+
+    scenario = sp.Scenario.model_validate(
+        {
+            "name": "straight",
+            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
+            "start": {"time": 0.0, "position": [0.0, 0.0], "speed": 1.0},
+            "goal": {"position": [20.0, 0.0]},
+            "obstacles": [],
+        }
+    )
+    space = build_problem(scenario, (), sp.Settings()).space
+    for acceleration in (1.0, 1e-3, 1e-14, -1e-14, -0.02):
+        beta = space.acceleration_size * [acceleration]
+        tau = space.travel_time(20.0, beta)  # type: ignore[arg-type]
+        assert tau + 0.5 * acceleration * tau**2 == pytest.approx(20.0, rel=1e-14)
+
+
+# The reference pages that are written from the code: up to date, and complete
+
+
+@pytest.fixture(scope="module")
+def make_reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_pages_are_what_the_code_says(make_reference: ModuleType) -> None:
+    for path, text in make_reference.pages().items():
+        assert path.read_text(encoding="utf-8") == text, f"{path.name} is old: python docs/make_reference.py"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_and_option_is_in_the_docs(name: str) -> None:
+    page = (DOCS / "reference" / "cli.md").read_text(encoding="utf-8")
+    section = re.search(rf"^## {name}\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+    assert section is not None
+    for example in COMMANDS[name].examples:
+        assert f"\n{example}\n" in section[1]
+    command: Any = typer.main.get_command(app)
+    for word in name.split():
+        command = command.commands[word]
+    # The names that the parser goes by
+    for option in command.params:
+        for word in (*option.opts, *option.secondary_opts):
+            if word.startswith("-"):
+                assert re.search(rf"[`/]{re.escape(word)}[ `/]", section[1]), word
+        assert " ".join(option.help.replace("|", "\\|").split()) in section[1]
+
+
+@pytest.mark.parametrize("settings", [Settings, OnlineSettings, Newcomers])
+def test_every_setting_is_in_the_docs_with_unit_effect_and_range(settings: type) -> None:
+    page = (DOCS / "reference" / "settings.md").read_text(encoding="utf-8")
+    for name, knob in knobs(settings).items():
+        row = re.search(rf"^\| `{name}` \| (.*) \| (.*) \| (.*) \| (.*) \|$", page, re.MULTILINE)
+        assert row is not None, name
+        default, unit, allowed, effect = row.groups()
+        assert effect == knob.effect.replace("``", "`")
+        assert unit == knob.unit
+        if knob.allowed is not None:
+            assert default == f"`{knob.default_text}`"
+            assert allowed
+            assert set(re.findall(r"[\w.+-]+", allowed)) <= set(re.findall(r"[\w.+-]+", knob.allowed_text))

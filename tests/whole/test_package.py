@@ -18,7 +18,31 @@ import pytest
 import scp_planner
 
 ROOT = Path(__file__).resolve().parents[2]
-SLOW_PACKAGES = ("numpy", "scipy", "cvxpy", "matplotlib", "clarabel", "osqp", "tqdm", "yaml", "pydantic")
+NOT_TO_PLAN = {"cvxpy", "clarabel", "osqp", "tqdm", "typer", "matplotlib", "PIL", "dask", "distributed", "pandas"}
+STAGES = """
+import json, sys
+loaded, before = {}, set(sys.modules)
+def stage(name):
+    loaded[name] = sorted(set(sys.modules) - before)
+    before.update(sys.modules)
+import scp_planner as sp
+stage("import")
+sp.Plan, sp.Run
+import scp_planner.plotting, scp_planner.plotting.viewer
+stage("names")
+from scp_planner import builtin
+scenario = builtin.load("crossing")
+plan = sp.plan(scenario, solver="daqp")
+assert plan.certified
+stage("plan")
+start, planner = scenario.start, sp.Planner(scenario)
+stage("planner")
+planner.replan(start.time, start.position, start.heading, start.speed)
+stage("replan")
+scp_planner.plotting.plot_profiles(plan, scenario)
+stage("figure")
+print(json.dumps(loaded))
+"""
 
 
 def in_a_new_interpreter(code: str) -> str:
@@ -44,20 +68,17 @@ def test_no_module_has_the_name_of_something_public() -> None:
     assert modules.isdisjoint(scp_planner.__all__)
 
 
-def test_import_loads_nothing_slow() -> None:
-    code = "import sys, json, scp_planner; print(json.dumps(sorted(sys.modules)))"
-    loaded = set(json.loads(in_a_new_interpreter(code)))
-    assert not loaded.intersection(SLOW_PACKAGES)
-
-
-def test_import_loads_few_modules() -> None:
-    """A quick import, on a busy machine, too: one module of the package, and others only of Python."""
-    code = "import sys, json; old = {*sys.modules}; import scp_planner; print(json.dumps([*({*sys.modules} - old)]))"
-    loaded = json.loads(in_a_new_interpreter(code))
-    own = {name for name in loaded if name.partition(".")[0] == "scp_planner"}
-    assert own == {"scp_planner"}
-    assert {name.partition(".")[0] for name in loaded} - own <= sys.stdlib_module_names
-    assert len(loaded) <= 30  # 15 in Python 3.11; numpy alone would be 150
+def test_nothing_is_loaded_before_it_is_needed() -> None:
+    """By one module of the package for the import, and by nothing at all for a replan: it would miss its deadline."""
+    loaded = {name: set(some) for name, some in json.loads(in_a_new_interpreter(STAGES)).items()}
+    packages = {name: {module.partition(".")[0] for module in some} for name, some in loaded.items()}
+    assert packages["import"] - {"scp_planner"} <= sys.stdlib_module_names
+    assert [name for name in loaded["import"] if name.startswith("scp_planner")] == ["scp_planner"]
+    assert len(loaded["import"]) <= 30  # 15 in Python 3.11; numpy alone would be 150
+    assert "scp_planner.simulation.run" in loaded["names"]
+    assert {"daqp"} <= packages["plan"] and not NOT_TO_PLAN & (packages["names"] | packages["plan"])
+    assert not loaded["replan"]
+    assert "matplotlib" in packages["figure"] and "matplotlib.pyplot" not in loaded["figure"]
 
 
 @pytest.mark.slow

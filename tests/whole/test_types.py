@@ -105,6 +105,7 @@ def check(errors: dict[str, list[str]]) -> None:
         assert bool(lines) is name.startswith("wrong_"), (name, lines)
 
 
+@pytest.mark.slow
 def test_mypy_takes_what_users_write(folder: Path, pytestconfig: pytest.Config) -> None:
     """Most of its time is for NumPy and the package: what it found out of them is kept from run to run."""
     pytest.importorskip("mypy")

@@ -155,30 +155,6 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 """
 
 
-def test_planning_loads_neither_cvxpy_nor_any_extra(run: Callable[..., str]) -> None:
-    loaded = set(json.loads(run(sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{PLANNING}")))
-    assert {"numpy", "daqp"} <= loaded
-    assert not loaded & {"cvxpy", "clarabel", "osqp", "tqdm", "typer", *NOT_CORE}
-
-
-REPLANNING = """
-import sys
-import scp_planner as sp
-from scp_planner import builtin
-scenario = builtin.load("crossing")
-start, planner = scenario.start, sp.Planner(scenario)
-before = set(sys.modules)
-planner.replan(start.time, start.position, start.heading, start.speed)
-print(*sorted(set(sys.modules) - before))
-"""
-
-
-def test_a_planner_that_is_made_loads_nothing_when_it_first_replans(run: Callable[..., str]) -> None:
-    """A module that takes a second to load would miss the first deadline."""
-    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{REPLANNING}"
-    assert run(sys.executable, "-c", code).split() == []
-
-
 @pytest.mark.slow
 def test_it_installs_where_there_is_no_compiler_and_plans(
     wheel: Path, tmp_path: Path, run: Callable[..., str], capsys: pytest.CaptureFixture[str]

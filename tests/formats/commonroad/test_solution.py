@@ -24,7 +24,7 @@ pytest.importorskip("commonroad", reason="needs commonroad-io, which is not inst
 
 from scp_planner.formats.commonroad.cars import CARS, VehicleModel, car_named, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, seen_heading
-from scp_planner.formats.commonroad.planning import TrialParameters, plan_commonroad
+from scp_planner.formats.commonroad.planning import plan_commonroad
 from scp_planner.formats.commonroad.reading import load_commonroad
 from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
@@ -275,7 +275,7 @@ def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:
     assert made.plan.travel_time > 0.0
 
 
-def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, monkeypatch: Any) -> None:
+def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path) -> None:
     """A goal that is late: the plan brakes and speeds up, at once, and the file's steps are long."""
     file = tmp_path / "late.xml"
     late = goal(f"<position>{rectangle(GOAL, placed=True)}</position>").replace(
@@ -285,11 +285,6 @@ def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, 
     made = plan_commonroad(file, model="KS")
     assert made.plan.certified
     export_commonroad_solution(made.plan, file, tmp_path / "late.sol.xml", model="KS")
-    monkeypatch.setattr("scp_planner.formats.commonroad.planning.TRIALS", TrialParameters(softer=()))
-    hard = plan_commonroad(file, model="KS")
-    assert hard.plan.certified
-    with pytest.raises(ValueError, match="would not find the inputs"):
-        export_commonroad_solution(hard.plan, file, tmp_path / "hard.xml", model="KS")
 
 
 def test_refusals(road_file: Path, tmp_path: Path) -> None:
@@ -386,5 +381,5 @@ def test_a_gap_between_lanes_that_are_not_side_by_side_is_not_driven_over(tmp_pa
     assert plan_commonroad(file, model="KS").plan.certified, "side by side, they are one"
     apart = re.sub("<adjacent[^>]*>", "", moved)
     file.write_text(apart, encoding="utf-8")
-    assert not plan_commonroad(file, model="KS", time_limit=5.0).plan.certified
+    assert not plan_commonroad(file, model="KS", time_limit=2.0).plan.certified
     assert sp.plan(load_commonroad(file)).certified, "no vehicle notices it"
