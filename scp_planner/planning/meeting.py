@@ -1,0 +1,95 @@
+"""Arrival of a plan at a target that moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.check import HasTrip
+from scp_planner.certificate.tolerances import END_TOLERANCE
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.threat_zones.target import TargetMotion
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Arrival of a plan at the target of its scenario.
+
+    Attributes
+    ----------
+    time : float
+        s, absolute.
+    place, velocity : tuple of float
+        Of the target at that time, with the goal's offset, m and m/s; of a target that is estimated, the mean.
+    distance : float
+        From the place to the end of the plan, m.
+    probability : float
+        With which the target is within the goal's radius of the end of the plan: 1 or 0 of a motion that is known.
+    """
+
+    time: float
+    place: tuple[float, float]
+    velocity: tuple[float, float]
+    distance: float
+    probability: float
+
+
+def meeting(scenario: Scenario, plan: HasTrip) -> Meeting:
+    """Tell how a plan meets the target of its scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With a target.
+    plan : Plan
+        Or whatever else has a ``trip``.
+
+    Returns
+    -------
+    Meeting
+
+    Raises
+    ------
+    ValueError
+        If the goal of the scenario has no target.
+    """
+    target = TargetMotion.of(scenario)
+    if target is None:
+        raise ValueError("scenario.goal.target: null; the goal of this scenario stands")
+    trip, radius = plan.trip, scenario.goal.radius
+    time = trip.frame.time + trip.trajectory.travel_time
+    points, _ = trip.at(np.array([time]))
+    away = trip.frame.to_world(points.path.position)[0] - np.array(target.place(time))
+    distance, covariance = float(np.hypot(*away)), target.covariance(time)
+    if covariance is None:
+        certain = float(distance <= radius + END_TOLERANCE * NaturalUnits.of(scenario).length)
+        return Meeting(time, target.place(time), target.velocity(time), distance, certain)
+    return Meeting(time, target.place(time), target.velocity(time), distance, within(radius, away, covariance))
+
+
+def within(radius: float, mean: Array, covariance: Array) -> float:
+    """Return the probability that a normal vector of a mean (2,), m, is no longer than a radius, m.
+
+    In the axes of the covariance, one component is integrated out in closed form and the other by quadrature.
+    """
+    from scipy.integrate import quad  # takes long to load
+    from scipy.special import ndtr
+
+    variances, axes = np.linalg.eigh(covariance)
+    (s, t), (m, n) = np.sqrt(np.maximum(variances, 0.0)), axes.T @ mean
+    if radius <= 0.0:
+        return 0.0
+    if s == 0.0:
+        raise ValueError("covariance: must be positive definite")
+
+    def strip(y: float) -> float:
+        half, z = sqrt(max(radius * radius - y * y, 0.0)), (y - n) / t
+        inside = ndtr((half - m) / s) - ndtr((-half - m) / s)
+        return float(exp(-0.5 * z * z) / (sqrt(2.0 * pi) * t) * inside)
+
+    low, high = max(-radius, n - 9.0 * t), min(radius, n + 9.0 * t)
+    return float(quad(strip, low, high, epsabs=1e-10, limit=200)[0]) if low < high else 0.0
