@@ -20,7 +20,7 @@ from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
-from scp_planner.planning.outputs import output_named, picture_or_text
+from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan_samples import check_samples
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
@@ -86,7 +86,7 @@ class Plan:
         Whether the run that the trip came from found nothing left to gain: else it was at a limit of work. It says
         nothing of other ways round; ``relative_gap`` does. None: not known.
     planned : Scenario or None
-        What ``relative_gap`` looks at; not saved.
+        What ``relative_gap`` and a notebook's picture look at; not saved.
     stated_status : PlanStatus or None
         Of an unverified plan: the status that its file states, as ``reason``, ``clearance`` and ``limits`` are those
         that it states. Files can be edited: ``verified`` and :func:`scp_planner.certify` tell whether the plan holds.
@@ -121,8 +121,8 @@ class Plan:
         return f"{type(self).__name__}({self.scenario!r}, {self._verdict}, {self.travel_time:.4g} s, {self.clearance})"
 
     def _repr_html_(self) -> str:
-        """For notebooks: where it leads, and how fast."""
-        return picture_or_text(self.sketch, repr(self))
+        """For notebooks: where it leads among the obstacles, and how fast."""
+        return picture_or_text(lambda: self.sketch(self.planned), repr(self))
 
     @property
     def _verdict(self) -> str:
@@ -330,14 +330,19 @@ class Plan:
         """
         return output_named("plan plot")(self, scenario, path, view)
 
-    def sketch(self) -> Figure:
-        """Draw where it leads and how fast, without the scenario, as notebooks show it.
+    def sketch(self, scenario: Scenario | None = None) -> Figure:
+        """Draw where it leads and how fast, as notebooks show it.
+
+        Parameters
+        ----------
+        scenario : Scenario, optional
+            What was planned, to show its obstacles.
 
         Returns
         -------
         matplotlib.figure.Figure
         """
-        return output_named("plan sketch")(self)
+        return output_named("plan sketch")(self, scenario)
 
     def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.

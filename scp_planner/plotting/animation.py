@@ -15,10 +15,19 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
 from scp_planner.files import replacing
-from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
+from scp_planner.plotting.maps import (
+    NAMED,
+    border_of,
+    draw_ends,
+    draw_tracks,
+    key_to_symbols,
+    lay_out,
+    outline_of,
+    vehicle_patches,
+)
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, frame_count, record_plan
-from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
+from scp_planner.plotting.style import COLOURS, FAINT, INK, LABEL, check_suffix, colour_of, halo, settle, style
 from scp_planner.settings.pictures import FILM_SUFFIXES
 from scp_planner.trips.trip import discs_at
 
@@ -141,37 +150,35 @@ class Film:
         self._title.set_text(f"{recording.name}   {time:.1f} s")
         self._path.set_data(*recording.paths[recording.path_index[index]].T)
         self._done.set_data(*recording.position[: index + 1].T)
-        for disc, place in zip(self._vehicle, self._discs, strict=True):
+        for disc, place in zip(self._vehicle, self._discs, strict=False):
             x, y = place[index]
             disc.set_center((x, y))
+        if (body := recording.vehicle_at(index)) is not None:
+            self._vehicle[-1].set_xy(body)
         for obstacle, patches in zip(recording.bodies, self._patches, strict=True):
             patches.move_to(obstacle, index)
         for cursor, values in self._cursors:
             cursor.set_data([time], [values[index]])
 
     def _draw_map(self, axes: Axes) -> None:
-        from matplotlib.patches import Circle
-
         recording = self._recording
         lay_out(axes, recording, *recording.extent())
         draw_tracks(axes, recording)
-        key_to_symbols(recording).set_above(axes, "right")
+        key_to_symbols(recording).set_above(axes)
         self._title = axes.set_title(" ", loc="left", fontweight="bold")
         self._patches = [
-            _ObstaclePatches(axes, obstacle, COLOURS[number % len(COLOURS)])
+            _ObstaclePatches(axes, obstacle, colour_of(number), named=len(recording.bodies) <= NAMED)
             for number, obstacle in enumerate(recording.bodies)
         ]
         (self._path,) = axes.plot([], [], color=FAINT, linewidth=2.0)
         (self._done,) = axes.plot([], [], color=INK, linewidth=2.0)
         self._discs = discs_at(recording.position, recording.heading, recording.discs)
-        self._vehicle = [
-            Circle((0.0, 0.0), recording.radius, facecolor=INK, edgecolor="white", linewidth=0.8) for _ in self._discs
-        ]
+        self._vehicle: list[Any] = vehicle_patches(recording)
         for disc in self._vehicle:
             axes.add_patch(disc)
         moving: list[Artist] = [patch for patches in self._patches for patch in patches.all]
         moving += [self._path, self._done, *draw_ends(axes, recording), *self._vehicle, self._title]
-        self._moving += [(axes, artist) for artist in moving]
+        self._moving += [(axes, artist) for artist in (*moving, *(patches.name for patches in self._patches))]
 
     def _draw_profiles(self, panels: list[Axes]) -> list[tuple[Any, Array]]:
         """Draw the first profiles and the clearance; return a movable mark for each, with its values."""
@@ -198,16 +205,19 @@ class Film:
 class _ObstaclePatches:
     """One obstacle on the map: its zone, its shape where it is thought to be, and where it really is."""
 
-    def __init__(self, axes: Axes, obstacle: ObstacleRecord, colour: str) -> None:
+    def __init__(self, axes: Axes, obstacle: ObstacleRecord, colour: str, *, named: bool) -> None:
         from matplotlib.patches import PathPatch, Polygon
 
         self._zone = PathPatch(outline_of(obstacle, 0), facecolor=(colour, 0.2), edgecolor="none")
         self._border = PathPatch(border_of(obstacle, 0), facecolor="none", edgecolor=colour)
         self._thought = Polygon(obstacle.body_at(0), facecolor=(colour, 0.5), edgecolor="none")
         self._true = Polygon(obstacle.body_at(0), facecolor=(colour, 0.7), edgecolor=INK)
-        self.all = (self._zone, self._border, self._thought, self._true)
-        for patch in self.all:
+        patches = (self._zone, self._border, self._thought, self._true)
+        for patch in patches:
             axes.add_patch(patch)
+        look: dict[str, Any] = {"ha": "center", "va": "bottom", "path_effects": halo(), **LABEL}
+        self.name = axes.text(0.0, 0.0, obstacle.id if named else "", fontweight="bold", **look)
+        self.all = patches
 
     def move_to(self, obstacle: ObstacleRecord, index: int) -> None:
         """Move to one of the recording's times."""
@@ -216,10 +226,10 @@ class _ObstaclePatches:
         center = obstacle.truth_at(index)
         self._true.set_visible(center is not None)
         self._thought.set_visible(center is None)
-        if center is None:
-            self._thought.set_xy(obstacle.body_at(index))
-        else:
-            self._true.set_xy(obstacle.body_at(index, center))
+        body, patch = obstacle.body_at(index, center), self._thought if center is None else self._true
+        patch.set_xy(body)
+        self.name.set_visible(bool(np.isfinite(body).all()))
+        self.name.set_position((float(body[:, 0].mean()), float(body[:, 1].max())))
 
 
 def _write_gif(path: Path, frames: Iterator[Image], interval: float, hold: float) -> None:

@@ -68,6 +68,16 @@ def body_of(shape: Shape) -> tuple[Array, bool]:
     return np.array(shape.polygon), False
 
 
+def vehicle_rectangle(discs: Sequence[float], radius: float) -> Array | None:
+    """Corners of the largest rectangle that a row of discs covers, (4, 2) m, at heading 0; None if it is no row."""
+    along = np.sort(np.asarray(discs, dtype=float))
+    half = 0.5 * float(np.diff(along).max(initial=0.0))
+    if not 0.0 < half < radius:
+        return None
+    left, right, side = along[0] - half, along[-1] + half, np.sqrt(radius**2 - half**2)
+    return np.array([[right, side], [left, side], [left, -side], [right, -side]])
+
+
 def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
     """Give zones of which a zone is the union, and that are convex, so that their support functions tell all."""
     if len(zone.outlines) < 2:

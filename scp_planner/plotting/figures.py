@@ -15,7 +15,7 @@ from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import COLOURS, DPI, check_suffix, save, settle, style
+from scp_planner.plotting.style import DPI, check_suffix, save, settle, style
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 WIDTH, PROFILES_HEIGHT, PROFILES_WIDTH = 10.0, 3.4, 4.0
 """inches: of a figure with the profiles below the map; of the profiles below and beside it"""
+SHOWN = 7
+"""A map shows no more times than these."""
 
 
 def plot_plan(
@@ -143,8 +145,8 @@ def plot_run_profiles(run: Run, path: str | PathLike[str] | None = None) -> Figu
 def _check(path: str | PathLike[str] | None, times: ArrayLike | None = None) -> None:
     if path is not None:
         check_suffix(path, FIGURE_SUFFIXES)
-    if times is not None and (np.ndim(times) != 1 or not 1 <= np.size(times) <= len(COLOURS)):
-        raise ValueError(f"times: must be 1 to {len(COLOURS)} times, not an array of shape {np.shape(times)}")
+    if times is not None and (np.ndim(times) != 1 or not 1 <= np.size(times) <= SHOWN):
+        raise ValueError(f"times: must be 1 to {SHOWN} times, not an array of shape {np.shape(times)}")
 
 
 def _shown(times: ArrayLike | None, start: float, end: float) -> Array:
@@ -156,9 +158,10 @@ def _shown(times: ArrayLike | None, start: float, end: float) -> Array:
 def _plot_recording(recording: Recording, shown: Array, path: str | PathLike[str] | None) -> Figure:
     indices = nearest_indices(recording.time, shown)
     with style():
-        figure, map_part, profile_part, narrow = _parts(map_extent(recording, indices))
+        box = map_extent(recording, indices)
+        figure, map_part, profile_part, narrow = _parts(box)
         panels = profile_part.subplots(6, 1) if narrow else profile_part.subplots(2, 3)
-        draw_map(map_part.subplots(), recording, indices, narrow=narrow)
+        draw_map(map_part.subplots(), recording, indices, box, narrow=narrow)
         draw_profiles(list(panels.ravel()), recording, indices, stacked=narrow)
         settle(figure)
         if path is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from scp_planner.arrays import Array, Mask
 from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.recording import Recording
-from scp_planner.plotting.style import FORBIDDEN, GREY, SLOW, SLOW_TEXT
+from scp_planner.plotting.style import FORBIDDEN, GREY, SLOW, SLOW_TEXT, halo
 from scp_planner.scenario.places import limits_at
 
 if TYPE_CHECKING:
@@ -140,8 +140,6 @@ def _draw_slow(axes: Axes, recording: Recording, low: Array, high: Array) -> Non
 
 def _write_limit(axes: Axes, recording: Recording, places: Array, text: str) -> None:
     """Write a limit where it holds, as far from the trip as there is room."""
-    from matplotlib.patheffects import withStroke
-
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     room = 0.06 * max(right - left, top - bottom)
     x, y = places.T
@@ -163,5 +161,5 @@ def _write_limit(axes: Axes, recording: Recording, places: Array, text: str) -> 
         fontsize=7.5,
         color=SLOW_TEXT,
         zorder=1.9,
-        path_effects=[withStroke(linewidth=2.0, foreground="white")],
+        path_effects=halo(),
     )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import compress
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.borders import borders_of
-from scp_planner.plotting.drawn import SELECTION, covers_all, is_cut_off, is_near, is_shown, map_extent, nearest, stands
+from scp_planner.plotting.drawn import SELECTION, covers_all, is_cut_off, is_near, is_shown, nearest, stands
 from scp_planner.plotting.ground import (
     FORBIDDEN_LOOK,
     GUIDE_LOOK,
@@ -22,56 +21,56 @@ from scp_planner.plotting.ground import (
 )
 from scp_planner.plotting.recording import ObstacleRecord, Recording
 from scp_planner.plotting.scales import unit_of, unit_of_rate
-from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, label_lengths, time_text
+from scp_planner.plotting.style import DOTTED, FAINT, GREY, INK, LABEL, colour_of, halo, label_lengths, time_text
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
     from matplotlib.path import Path
 
-ROW = 11
-"""No more entries of a legend than these stand in one row above a map."""
+NAMED = 8
+"""Obstacles have their names beside them where there are no more than these."""
+
+Box = tuple[Array, Array]
+"""Corners of a map, (2,) and (2,) m."""
 
 _KEY_SPACING: dict[str, Any] = {"handletextpad": 0.4, "columnspacing": 1.0, "borderaxespad": 0.2}
 
 
-def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) -> None:
-    """Draw the trip, coloured by speed, and vehicle and zones at some times in one colour a time."""
-    lay_out(axes, recording, *map_extent(recording, indices))
-    draw_tracks(axes, recording)
-    standing = [stands(recording, obstacle) for obstacle in recording.bodies]
-    for obstacle in compress(recording.bodies, standing):
-        _draw_obstacle(axes, recording, obstacle, nearest(obstacle), GREY)
-    for index, colour in zip(indices, COLOURS, strict=False):
-        for obstacle, still in zip(recording.bodies, standing, strict=True):
-            if not still:
-                _draw_obstacle(axes, recording, obstacle, int(index), colour)
+def draw_map(axes: Axes, recording: Recording, indices: Index, box: Box, *, narrow: bool = False) -> None:
+    """Draw the trip, coloured by speed, and vehicle and zones at some times."""
+    draw_scene(axes, recording, indices, box, narrow=narrow)
     if len(recording.paths) > 1:
         _draw_plans(axes, recording, indices)
     _draw_speed(axes, recording)
-    for index, colour in zip(indices, COLOURS, strict=False):
-        _draw_vehicle(axes, recording, int(index), colour)
-    if len(recording.bodies) <= 8:
+
+
+def draw_scene(axes: Axes, recording: Recording, indices: Index, box: Box, *, narrow: bool = False) -> None:
+    """Draw vehicle and zones at some times, and the ground; each obstacle has one colour."""
+    lay_out(axes, recording, *box)
+    draw_tracks(axes, recording)
+    for number, obstacle in enumerate(recording.bodies):
+        still = stands(recording, obstacle)
+        for index in [nearest(obstacle)] if still else indices:
+            _draw_obstacle(
+                axes, recording, obstacle, int(index), colour_of(number), timed=not still and len(indices) > 1
+            )
+    for index in indices:
+        _draw_vehicle(axes, recording, int(index))
+    if len(recording.bodies) <= NAMED:
         places: list[Array] = []
         for obstacle in recording.bodies:
             _name(axes, recording, obstacle, indices, places)
     draw_ends(axes, recording)
-    _set_key(axes, _key_to_times(recording, indices), key_to_symbols(recording), narrow=narrow)
-
-
-def _set_key(axes: Axes, times: Key, symbols: Key, *, narrow: bool) -> None:
-    """Set the legend above the map, in as many rows as it needs."""
-    part, key = axes.get_figure(root=False), times + symbols
-    assert part is not None
+    key = key_to_symbols(recording)
     if narrow:
+        part = axes.get_figure(root=False)
+        assert part is not None
         part.legend(key.handles, key.labels, loc="outside upper center", ncols=4, **_KEY_SPACING)
-        return
-    times.set_above(axes, "left")
-    if len(key.labels) > ROW:
-        part.legend(symbols.handles, symbols.labels, loc="outside upper right", ncols=ROW, **_KEY_SPACING)
     else:
-        symbols.set_above(axes, "right")
+        key.set_above(axes)
 
 
 def lay_out(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
@@ -145,14 +144,12 @@ class Key:
     def __add__(self, other: Key) -> Key:
         return Key(self.handles + other.handles, self.labels + other.labels)
 
-    def set_above(self, axes: Axes, side: Literal["left", "right"]) -> None:
-        """Set the entries in one row above the left or right end of axes."""
-        from matplotlib.legend import Legend
-
-        place: Any = {"loc": f"lower {side}", "bbox_to_anchor": (0.0 if side == "left" else 1.0, 1.0)}
+    def set_above(self, axes: Axes) -> None:
+        """Set the entries in one row above the right end of axes."""
         columns = len(self.labels)
-        # Not axes.legend: axes have one, and there may be two rows.
-        key = axes.add_artist(Legend(axes, self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
+        key = axes.legend(
+            self.handles, self.labels, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), **_KEY_SPACING
+        )
         key.set_clip_on(False)  # or the layout would leave no room for it
 
 
@@ -181,18 +178,10 @@ def key_to_symbols(recording: Recording) -> Key:
     return key
 
 
-def _key_to_times(recording: Recording, indices: Index) -> Key:
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [
-        Line2D([], [], linestyle="none", marker="o", markersize=7, color=colour, markeredgecolor="white")
-        for _, colour in zip(indices, COLOURS, strict=False)
-    ]
-    return Key(handles, [time_text(recording.time[index] - recording.epoch) for index in indices])
-
-
-def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
-    """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; and its shape."""
+def _draw_obstacle(
+    axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str, *, timed: bool
+) -> None:
+    """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; its shape, and the time."""
     from matplotlib.patches import PathPatch, Polygon
 
     near, shown = is_near(recording, obstacle, index), is_shown(recording, obstacle, index)
@@ -217,13 +206,21 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     elif obstacle.padded and near:
         body = obstacle.body_at(index)
         axes.add_patch(Polygon(body, facecolor=(colour, 0.35), edgecolor="none", zorder=2.1))
+    if timed and near:
+        x, y = (obstacle.center[index] if true_center is None else true_center).tolist()
+        _write_time(axes, recording, index, x, y)
+
+
+def _write_time(axes: Axes, recording: Recording, index: int, x: float, y: float) -> None:
+    text = time_text(recording.time[index] - recording.epoch)
+    axes.text(x, y, text, ha="center", va="center", path_effects=halo(), **LABEL)
 
 
 def _draw_plans(axes: Axes, recording: Recording, indices: Index) -> None:
     """Draw what was planned at the times that are shown."""
-    for index, colour in zip(indices, COLOURS, strict=False):
+    for index in indices:
         path = recording.paths[recording.path_index[index]]
-        axes.plot(*path.T, color=colour, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2.8)
+        axes.plot(*path.T, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2.8)
 
 
 def _draw_speed(axes: Axes, recording: Recording) -> None:
@@ -234,30 +231,44 @@ def _draw_speed(axes: Axes, recording: Recording) -> None:
     segments: Any = np.stack([points[:-1], points[1:]], axis=1)
     line = LineCollection(segments, cmap="cividis_r", linewidth=3.2, capstyle="round", zorder=3)
     line.set_array(0.5 * (recording.speed[:-1] + recording.speed[1:]))
-    line.set_clim(0.0, recording.max_speed)
+    line.set_clim(*recording.speeds)
     axes.add_collection(line)
     figure = axes.get_figure(root=False)
     assert figure is not None
     bar = figure.colorbar(line, ax=axes, fraction=0.025, pad=0.01, aspect=18, shrink=0.85)
-    label_lengths(bar.ax.yaxis, "speed", unit_of_rate("m/s", recording.max_speed))
+    label_lengths(bar.ax.yaxis, "speed", unit_of_rate("m/s", recording.speeds[1]))
     bar.ax.spines[:].set_visible(False)
 
 
-def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> None:
-    from matplotlib.patches import Circle
+def vehicle_patches(recording: Recording, index: int = 0) -> list[Patch]:
+    """Draw a vehicle at a time: a rectangle and the discs that cover it, or its disc."""
+    from matplotlib.patches import Circle, Polygon
 
+    body = recording.vehicle_at(index)
+    whole: dict[str, Any] = {"facecolor": INK, "edgecolor": "white", "linewidth": 0.8, "zorder": 4}
+    parts: dict[str, Any] = {"facecolor": "none", "edgecolor": (INK, 0.35), "linewidth": 0.6, "zorder": 3.9}
+    discs: list[Patch] = [
+        Circle(tuple(disc[index].tolist()), recording.radius, **(whole if body is None else parts))
+        for disc in discs_at(recording.position, recording.heading, recording.discs)
+    ]
+    return discs if body is None else [*discs, Polygon(body, **whole)]
+
+
+def _draw_vehicle(axes: Axes, recording: Recording, index: int) -> None:
+    extent = float(np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1).max())
     # A smaller vehicle has a mark, or nobody would see it.
-    if recording.radius < 0.007 * float(np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1).max()):
-        axes.plot(*recording.position[index], "o", markersize=6, color=colour, markeredgecolor="white", zorder=3.9)
-    for disc in discs_at(recording.position, recording.heading, recording.discs):
-        x, y = disc[index]
-        axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
+    if recording.radius < 0.007 * extent:
+        axes.plot(*recording.position[index], "o", markersize=6, color=INK, markeredgecolor="white", zorder=3.9)
+    for patch in vehicle_patches(recording, index):
+        axes.add_patch(patch)
+    heading, middle = recording.heading[index], 0.5 * (min(recording.discs) + max(recording.discs))
+    aside = max(recording.radius, 0.007 * extent) + 0.018 * extent
+    x, y = recording.position[index] + middle * np.array([np.cos(heading), np.sin(heading)])
+    _write_time(axes, recording, index, float(x - aside * np.sin(heading)), float(y + aside * np.cos(heading)))
 
 
 def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index, places: list[Array]) -> None:
     """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle."""
-    from matplotlib.patheffects import withStroke
-
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     low, high = np.array([left, bottom]), np.array([right, top])
     clearance = obstacle.clearance[indices]
@@ -280,7 +291,7 @@ def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: I
         textcoords="offset points",
         ha="center",
         va="center" if above is None else "bottom" if above else "top",
-        fontsize=7.5,
-        zorder=6,
-        path_effects=[withStroke(linewidth=2.0, foreground="white")],
+        fontweight="bold",
+        path_effects=halo(),
+        **LABEL,
     )

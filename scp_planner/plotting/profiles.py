@@ -11,7 +11,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.plotting.drawn import length_of
 from scp_planner.plotting.recording import Profile, Recording
 from scp_planner.plotting.scales import unit_of, unit_of_rate
-from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, tick_lengths, time_label
+from scp_planner.plotting.style import GREY, INK, WARNING, colour_of, limit_times, tick_lengths, time_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,8 +58,9 @@ def draw_clearance(axes: Axes, recording: Recording, indices: Index) -> None:
     least = recording.clearance
     known = least[np.isfinite(least)]
     if len(known):
-        for obstacle in recording.obstacles:
-            axes.plot(recording.time - recording.epoch, obstacle.clearance, color=FAINT, linewidth=0.8)
+        for number, obstacle in enumerate([*recording.bodies, *(one for one in recording.obstacles if one.outside)]):
+            colour = GREY if obstacle.outside else colour_of(number)
+            axes.plot(recording.time - recording.epoch, obstacle.clearance, color=colour, linewidth=0.8)
         axes.plot(recording.time - recording.epoch, least, color=INK, linewidth=1.3)
         top = max(1.1 * float(known.max()), 2.0 * recording.radius)
         bottom = min(1.1 * float(known.min()), -0.06 * top)
@@ -102,13 +103,13 @@ def _forbid(axes: Axes, limit: float, edge: float) -> None:
 
 
 def _mark(axes: Axes, recording: Recording, values: Array, indices: Index) -> None:
-    for index, colour in zip(indices, COLOURS, strict=False):
+    for index in indices:
         axes.plot(
             recording.time[index] - recording.epoch,
             values[index],
             "o",
             markersize=4.5,
-            color=colour,
+            color=INK,
             markeredgecolor="white",
             markeredgewidth=0.5,
             clip_on=False,

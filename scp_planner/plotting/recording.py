@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor, planar
-from scp_planner.plotting.borders import body_of, boundaries_of
+from scp_planner.plotting.borders import body_of, boundaries_of, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
@@ -125,6 +125,24 @@ class Recording:
         return tuple(obstacle for obstacle in self.obstacles if not obstacle.outside)
 
     @property
+    def speeds(self) -> tuple[float, float]:
+        """Least and largest speed that colours tell, m/s: those driven, some apart."""
+        low, high = float(self.speed.min()), float(self.speed.max())
+        return min(low, 0.95 * high), max(high, 1e-3 * self.max_speed)
+
+    @property
+    def vehicle_body(self) -> Array | None:
+        """Corners of a long vehicle about its reference point, (4, 2) m, at heading 0; None for discs."""
+        return vehicle_rectangle(self.discs, self.radius)
+
+    def vehicle_at(self, index: int) -> Array | None:
+        """Corners of a long vehicle at one of the times, (4, 2) m; None for discs."""
+        if self.vehicle_body is None:
+            return None
+        cos, sin = np.cos(self.heading[index]), np.sin(self.heading[index])
+        return self.position[index] + self.vehicle_body @ np.array([[cos, sin], [-sin, cos]])
+
+    @property
     def clearance(self) -> Array:
         """Clearance to the nearest zone, (n,) m; inf without obstacles."""
         if not self.obstacles:
@@ -133,7 +151,7 @@ class Recording:
 
     def extent(self) -> tuple[Array, Array]:
         """Corners of the box that holds the trip and what comes near it, (2,) and (2,) m."""
-        trip = np.vstack([self.position, np.array([self.goal]), *self.paths])
+        trip = np.vstack([*discs_at(self.position, self.heading, self.discs), np.array([self.goal]), *self.paths])
         low, high = trip.min(axis=0), trip.max(axis=0)
         reach = max(float((high - low).max()), 4.0 * self.radius)
         near = [trip]
@@ -174,13 +192,6 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     if unknown:
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
     position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
-    discs, every_zone = discs_at(position, heading, vehicle.discs), by_obstacle(zones(scenario))
-    clearances = {name: clearance_of(several, time, discs, vehicle.radius) for name, several in every_zone.items()}
-    obstacles = tuple(
-        _record_obstacle(one, every_zone[one.id], time, clearances[one.id], _true_centers(truth.get(one.id), time))
-        for one in scenario.obstacles
-    )
-    obstacles += tuple(record_outside(name, clearances[name]) for name in ground_of(scenario))
     return Recording(
         facts=_facts(plan),
         time=time,
@@ -192,9 +203,48 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         profiles=profiles_of(
             vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
         ),
-        obstacles=obstacles,
+        obstacles=_record_obstacles(scenario, time, position, heading, truth),
         **scene_of(scenario),
     )
+
+
+def record_course(scenario: Scenario, times: int) -> Recording:
+    """Sample a scenario as if the vehicle drove along the guide at top speed: all obstacles count as near to it."""
+    start, goal = scenario.start, scenario.goal
+    line = np.array(scenario.guide or (start.position, goal.position))
+    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = np.linspace(0.0, run[-1], times)
+    position = np.stack([np.interp(along, run, line[:, axis]) for axis in (0, 1)], axis=-1)
+    heading = np.arctan2(*np.gradient(position, axis=0).T[::-1])
+    heading[0] = heading[0] if start.heading is None else start.heading
+    time = start.time + along / scenario.vehicle.max_speed
+    return Recording(
+        facts=(),
+        time=time,
+        position=position,
+        heading=heading,
+        speed=np.full(times, scenario.vehicle.max_speed),
+        paths=(position,),
+        path_index=np.zeros(times, dtype=np.intp),
+        profiles=(),
+        obstacles=tuple(
+            replace(one, clearance=np.zeros(times)) for one in _record_obstacles(scenario, time, position, heading, {})
+        ),
+        **scene_of(scenario),
+    )
+
+
+def _record_obstacles(
+    scenario: Scenario, time: Array, position: Array, heading: Array, truth: Truth
+) -> tuple[ObstacleRecord, ...]:
+    vehicle, every_zone = scenario.vehicle, by_obstacle(zones(scenario))
+    discs = discs_at(position, heading, vehicle.discs)
+    clearances = {name: clearance_of(several, time, discs, vehicle.radius) for name, several in every_zone.items()}
+    bodies = [
+        _record_obstacle(one, every_zone[one.id], time, clearances[one.id], _true_centers(truth.get(one.id), time))
+        for one in scenario.obstacles
+    ]
+    return (*bodies, *(record_outside(name, clearances[name]) for name in ground_of(scenario)))
 
 
 def ground_of(scenario: Scenario) -> tuple[str, ...]:

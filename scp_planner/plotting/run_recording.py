@@ -69,14 +69,20 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
 
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
     zones = [by_obstacle(record.zone() for record in each.zones) for each in run.records]
-    names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
     radius, ground = run.scenario.vehicle.radius, ground_of(run.scenario)
     return tuple(
         record_outside(name, clearance_of(zones[0][name], time, discs, radius))
         if name in ground
         else _obstacle(name, run, time, cycle, discs, zones)
-        for name in names
+        for name in names_of(run)
     )
+
+
+def names_of(run: Run) -> tuple[str, ...]:
+    """Names of all obstacles of a run: those of its scenario first, in its order; the ground last."""
+    known = [record.id for each in run.records for record in each.zones]
+    names = dict.fromkeys([*(obstacle.id for obstacle in run.scenario.obstacles), *known, *run.obstacles])
+    return tuple(sorted(names, key=lambda name: name in ground_of(run.scenario)))
 
 
 def _obstacle(

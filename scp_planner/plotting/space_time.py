@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.plotting.ground import SLOW_LOOK
+from scp_planner.plotting.recording import ground_of
+from scp_planner.plotting.run_recording import names_of
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
     COLOURS,
     DPI,
     GREY,
     INK,
+    LABEL,
+    SLOW_TEXT,
     check_suffix,
+    colour_of,
+    halo,
     label_lengths,
     save,
     settle,
     style,
     time_label,
 )
+from scp_planner.scenario.places import limits_at, stretches
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import by_obstacle
@@ -62,6 +71,7 @@ class _Region:
     """Clearance to one zone, m: of a vehicle elsewhere, (GRID, GRID), and the least of the vehicle itself."""
 
     id: str
+    colour: str
     along: Array
     across: Array
     least: float
@@ -99,10 +109,11 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
     with style():
         figure = Figure(figsize=(7.5, 6.5), dpi=DPI, layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        _draw_slow(above, scenario, grids.stations, grids.along[:, 0])
         _draw_regions(above, below, grids, regions)
         _draw_vehicle(above, below, grids)
         above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
-        _draw_key(figure, [region.id for region in regions])
+        _draw_key(figure, {region.id: region.colour for region in regions})
         settle(figure)
         if path is not None:
             save(figure, path)
@@ -139,12 +150,14 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     points = np.stack([np.interp(stations, driven, run.position[:, axis]) for axis in (0, 1)], axis=-1)
     ahead = _unit(np.interp(stations, driven, np.unwrap(run.heading)))
     regions = _known_regions(run, time, points, ahead, far=float(driven[-1]))
+    colours = _colours(names_of(run), run.scenario)
     epoch = clock_of(time)
     with style():
         figure = Figure(figsize=(7.5, 4.8), dpi=DPI, layout="constrained")
         axes = figure.subplots()
-        for number, (_, values) in reversed(list(enumerate(regions))):
-            _draw_region(axes, time - epoch, stations, values, number)
+        _draw_slow(axes, run.scenario, stations, points)
+        for name, values in reversed(regions):
+            _draw_region(axes, time - epoch, stations, values, colours[name])
         for number in np.unique(np.linspace(0, len(run.plans) - 1, 12).astype(int)):
             plan, now = run.plans[number], run.records[number].time
             later = np.linspace(now, max(now, plan.arrival_time), GRID)
@@ -156,7 +169,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
         axes.set_xlabel(time_label(epoch))
         label_lengths(axes.yaxis, "distance along the driven path", unit_of(float(np.ptp(axes.get_ylim()))))
         axes.set_title(f"{run.scenario.name}: when which part of the way was taken", loc="left", fontweight="bold")
-        _draw_key(figure, [name for name, _ in regions], planned=True)
+        _draw_key(figure, {name: colours[name] for name, _ in regions}, planned=True)
         settle(figure)
         if path is not None:
             save(figure, path)
@@ -214,18 +227,26 @@ def _grids(plan: Plan, least_reach: float) -> _Grids:
 def _regions(grids: _Grids, scenario: Scenario) -> list[_Region]:
     """Give the zones that could be met, nearest first."""
     every_time, vehicle = np.broadcast_to(grids.time, (GRID, GRID)), scenario.vehicle
-    own_ahead = grids.across_ahead[0]
+    own_ahead, every_zone = grids.across_ahead[0], by_obstacle(zones(scenario))
+    colours = _colours(every_zone, scenario)
     regions = [
         _Region(
             name,
+            colours[name],
             _clearance(several, vehicle, every_time, grids.along, grids.along_ahead),
             _clearance(several, vehicle, every_time, grids.across, grids.across_ahead),
             float(_clearance(several, vehicle, grids.time, grids.position, own_ahead).min()),
         )
-        for name, several in by_obstacle(zones(scenario)).items()
+        for name, several in every_zone.items()
     ]
     met = [region for region in regions if min(region.along.min(), region.across.min()) < 0.0]
     return sorted(met, key=lambda region: region.least)
+
+
+def _colours(names: Iterable[str], scenario: Scenario) -> dict[str, str]:
+    ground = ground_of(scenario)
+    bodies = [name for name in names if name not in ground]
+    return {**dict.fromkeys(ground, GREY), **{name: colour_of(number) for number, name in enumerate(bodies)}}
 
 
 def _clearance(several: Sequence[ThreatZone], vehicle: Vehicle, time: Array, place: Array, ahead: Array) -> Array:
@@ -245,14 +266,28 @@ def _unit(angle: Array) -> Array:
 
 def _draw_regions(above: Axes, below: Axes, grids: _Grids, regions: list[_Region]) -> None:
     time = grids.time - clock_of(grids.time)
-    for number, region in reversed(list(enumerate(regions))):
-        _draw_region(above, time, grids.stations, region.along, number)
-        _draw_region(below, time, grids.offsets, region.across, number)
+    for region in reversed(regions):
+        _draw_region(above, time, grids.stations, region.along, region.colour)
+        _draw_region(below, time, grids.offsets, region.across, region.colour)
 
 
-def _draw_region(axes: Axes, time: Array, ordinate: Array, clearance: Array, number: int) -> None:
+def _draw_slow(axes: Axes, scenario: Scenario, stations: Array, points: Array) -> None:
+    """Draw where along a path, with points (n, 2) m at stations (n,) m, the speed is limited, and to how much."""
+    if not scenario.speed_limits:
+        return
+    limit = limits_at(stretches(scenario), points)
+    edges = [0, *(np.flatnonzero(limit[1:] != limit[:-1]) + 1).tolist(), len(limit)]
+    for first, end in pairwise(edges):
+        if np.isfinite(limit[first]):
+            low, high = stations[first], stations[end - 1]
+            axes.axhspan(low, high, **SLOW_LOOK, zorder=0.2)
+            text = f"\N{LESS-THAN OR EQUAL TO}{limit[first]:.3g} m/s"
+            place: Any = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
+            axes.text(0.99, 0.5 * (low + high), text, color=SLOW_TEXT, path_effects=halo(), **place, **LABEL)
+
+
+def _draw_region(axes: Axes, time: Array, ordinate: Array, clearance: Array, colour: str) -> None:
     """Draw where a clearance (ordinates, times) is negative."""
-    colour = COLOURS[number] if number < len(COLOURS) else GREY
     if clearance.min() < 0.0:
         axes.contourf(time, ordinate, clearance, levels=[-math.inf, 0.0], colors=[colour], alpha=0.3)
         axes.contour(time, ordinate, clearance, levels=[0.0], colors=[colour], linewidths=1.0)
@@ -274,7 +309,7 @@ def _draw_vehicle(above: Axes, below: Axes, grids: _Grids) -> None:
     below.set_xlabel(time_label(epoch))
 
 
-def _draw_key(figure: Figure, names: list[str], *, planned: bool = False) -> None:
+def _draw_key(figure: Figure, colours: Mapping[str, str], *, planned: bool = False) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -283,10 +318,10 @@ def _draw_key(figure: Figure, names: list[str], *, planned: bool = False) -> Non
     if planned:
         handles.append(Line2D([], [], color=GREY, linewidth=0.7))
         labels.append("planned")
-    named = names[: len(COLOURS)]
-    handles += [Patch(facecolor=(colour, 0.3), edgecolor=colour) for colour, _ in zip(COLOURS, named, strict=False)]
+    named = list(colours)[: len(COLOURS)]
+    handles += [Patch(facecolor=(colours[name], 0.3), edgecolor=colours[name]) for name in named]
     labels += named
-    others = len(names) - len(COLOURS)
+    others = len(colours) - len(COLOURS)
     if others > 0:
         handles.append(Patch(facecolor=(GREY, 0.3), edgecolor=GREY))
         labels.append(f"{others} more")

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8C6D00")
 """Okabe and Ito's, neighbours apart in lightness too; but for their yellow, which is too light on white."""
 INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
+LABEL: dict[str, Any] = {"fontsize": 7.5, "zorder": 6, "clip_on": True}
+"""Looks of a name on a map."""
 FORBIDDEN, SLOW, SLOW_TEXT = "#DCDCDC", "#E8C547", "#6B5500"
 """Colours of ground: forbidden to the vehicle, or with a low speed limit."""
 DOTTED = (0, (1, 1.2))
@@ -70,6 +72,18 @@ def style() -> Iterator[None]:
         matplotlib.rcdefaults()  # leaves the backend as it is
         matplotlib.rcParams.update(settings)
         yield
+
+
+def colour_of(number: int) -> str:
+    """Colour of a scenario's obstacle, by its number, in all pictures."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def halo() -> list[Any]:
+    """Effects of text that has a white border."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.0, foreground="white")]
 
 
 def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:

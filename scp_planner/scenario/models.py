@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 from pydantic import (
     BeforeValidator,
@@ -22,6 +22,7 @@ from pydantic import (
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.mathematics.corridor import SIZE
+from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.scenario import checks, goal_checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
@@ -31,6 +32,9 @@ from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, r
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
 from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, Rate, RateNumber, Text, Vector
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_OBSTACLES = 20_000
 """In a file."""
@@ -431,6 +435,19 @@ class Scenario(Part):
         away = math.dist(self.start.position, self.goal.position)
         count = len(self.obstacles)
         return f"Scenario({self.name!r}, {away:.4g} m, {count} obstacle{'' if count == 1 else 's'})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: vehicle, goal, ground, and where the obstacles are and go."""
+        return picture_or_text(self.sketch, repr(self))
+
+    def sketch(self) -> Figure:
+        """Draw vehicle, goal and ground, and where the obstacles are at the start and go, as notebooks show it.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return output_named("scenario sketch")(self)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

@@ -17,7 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.planning.outputs import output_named, picture_or_text
+from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Obstacle, Scenario
 from scp_planner.scenario.shapes import Disc, Shape

@@ -32,6 +32,15 @@ def test_animation_of_several_pieces(pocket: Case, tmp_path: Path) -> None:
         assert frames_of(film) == math.ceil(pocket[0].travel_time) + 1
 
 
+def test_frames_name_the_obstacles(radar: Case) -> None:
+    plan, scenario = radar
+    with style():
+        unnamed = record_plan(plan, scenario, 3)
+        named = Film(unnamed).frame(1)
+        nameless = replace(unnamed, obstacles=tuple(replace(one, id="") for one in unnamed.obstacles))
+        assert (named != Film(nameless).frame(1)).any()
+
+
 def test_gif_plays_in_real_time(radar: Case, tmp_path: Path) -> None:
     plan, scenario = radar
     path = tmp_path / "plan.gif"

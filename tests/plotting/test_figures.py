@@ -13,22 +13,23 @@ from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, PathPatch, Polygon
+from matplotlib.patches import Circle, PathPatch, Polygon, Rectangle
 from scenes import scene
 
 import scp_planner as sp
 from scp_planner.plotting import View, animate_plan, plot_plan, plot_profiles, plot_run_space_time, plot_space_time
+from scp_planner.plotting.borders import vehicle_rectangle
 from scp_planner.plotting.maps import border_of
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import unit_of_rate
-from scp_planner.plotting.style import COLOURS, GREY, label_lengths
+from scp_planner.plotting.style import COLOURS, INK, label_lengths
 
 
 def _is_hollow(patch: Any) -> bool:
     return patch.get_facecolor()[3] == 0.0
 
 
-def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
+def test_map_shows_vehicle_and_zones_in_one_colour_an_obstacle(radar: Case) -> None:
     plan, scenario = radar
     times = plan.start_time + np.array([0.3, 0.6]) * plan.travel_time
     axes = map_of(plot_plan(plan, scenario, times=times))
@@ -36,15 +37,14 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
     assert [disc.center for disc in discs] == [pytest.approx(plan.position(t)) for t in times]
     assert {disc.radius for disc in discs} == {scenario.vehicle.radius}
     colours = [to_hex(disc.get_facecolor()).upper() for disc in discs]
-    assert colours == list(COLOURS[:2])
+    assert colours == [INK, INK]
     shapes = [patch for patch in axes.patches if isinstance(patch, Polygon | PathPatch)]
     filled = {to_hex(shape.get_facecolor()).upper() for shape in shapes if not _is_hollow(shape)}
-    assert filled <= {*COLOURS[:2], GREY}
-    # Every zone that is near the vehicle at one of the times is there, in that time's colour; in grey if it stands.
-    for t, colour in zip(times, COLOURS, strict=False):
-        for zone in sp.zones(scenario):
+    assert filled <= {*COLOURS[: len(scenario.obstacles)], INK}
+    # Every zone that is near the vehicle at one of the times is there, in its obstacle's colour.
+    for t in times:
+        for zone, own in zip(sp.zones(scenario), COLOURS, strict=False):
             if zone.signed_distance(t, plan.position(t)) - scenario.vehicle.radius < 0.1 * 20.0:
-                own = GREY if zone.id == "buoy" else colour
                 zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == own]
                 outlines = [np.asarray(s.get_path().vertices) for s in zones if isinstance(s, PathPatch)]
                 fits = [np.abs(zone.signed_distance(np.full(len(o), t), o)).max() < 1e-6 for o in outlines]
@@ -55,7 +55,32 @@ def test_what_stands_is_drawn_once(radar: Case) -> None:
     plan, scenario = radar
     axes = map_of(plot_plan(plan, scenario, times=np.linspace(plan.start_time, plan.arrival_time, 5)))
     zones = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
-    assert sum(to_hex(zone.get_edgecolor()).upper() == GREY for zone in zones) == 1
+    buoy = COLOURS[[obstacle.id for obstacle in scenario.obstacles].index("buoy")]
+    assert sum(to_hex(zone.get_edgecolor()).upper() == buoy for zone in zones) == 1
+
+
+@pytest.mark.parametrize("discs", [(0.0, 1.0, 2.0), (-1.6, -0.4, 0.0, 0.8)])
+def test_a_row_of_discs_is_drawn_as_the_rectangle_that_it_covers(discs: tuple[float, ...]) -> None:
+    shapely = pytest.importorskip("shapely")
+    scenario = scene(vehicle={"radius": 0.8, "discs": discs}, goal={"position": [20.0, 0.0], "heading": 0.0})
+    plan = sp.plan(scenario)
+    axes = map_of(plot_plan(plan, scenario, times=[plan.start_time, plan.arrival_time]))
+    bodies = [patch for patch in axes.patches if isinstance(patch, Polygon) and not _is_hollow(patch)]
+    covered = shapely.union_all([shapely.Point(ahead, 0.0).buffer(0.8, quad_segs=64) for ahead in discs])
+    for body, time in zip(bodies, (plan.start_time, plan.arrival_time), strict=True):
+        found = shapely.Polygon(body.get_xy())
+        (x, y), heading = plan.position(time).tolist(), float(plan.heading(time))
+        there = shapely.affinity.translate(shapely.affinity.rotate(covered, heading, (0, 0), use_radians=True), x, y)
+        assert there.buffer(1e-3).contains(found) and not there.buffer(-1e-2).contains(found)
+        # Vehicles at start and goal are inside the picture.
+        (low_x, low_y, high_x, high_y) = there.bounds
+        assert axes.get_xlim()[0] < low_x and high_x < axes.get_xlim()[1]
+        assert axes.get_ylim()[0] < low_y and high_y < axes.get_ylim()[1]
+
+
+def test_discs_that_do_not_overlap_stay_discs() -> None:
+    assert vehicle_rectangle((0.0, 3.0), 1.0) is None
+    assert vehicle_rectangle((0.0,), 1.0) is None
 
 
 def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
@@ -110,7 +135,8 @@ def test_path_is_coloured_by_speed(radar: Case, figure: Figure) -> None:
     assert near_start == pytest.approx(plan.speed(plan.start_time), abs=0.1)
     assert line.get_array()[-1] == pytest.approx(plan.speed(plan.arrival_time), abs=0.1)
     assert np.abs(middles[0] - plan.position(plan.start_time)).max() < 0.1
-    assert line.get_clim() == (0.0, scenario.vehicle.max_speed)
+    speeds = plan.speed(np.linspace(plan.start_time, plan.arrival_time, 1000))
+    assert line.get_clim() == pytest.approx((speeds.min(), speeds.max()), abs=0.01 * scenario.vehicle.max_speed)
 
 
 @pytest.mark.parametrize(
@@ -358,6 +384,34 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple
         distance = distance - scenario.vehicle.radius
         agree = inside == (distance < 0.0)
         assert inside.any() and agree[np.abs(distance) > 0.05].all()
+
+
+def test_regions_have_the_colours_of_the_map(radar: Case) -> None:
+    plan, scenario = radar
+    figure = plot_space_time(plan, scenario)
+    named = {text.get_text(): patch for text, patch in zip(*_key(figure), strict=True)}
+    for number, obstacle in enumerate(scenario.obstacles):
+        if obstacle.id in named:
+            assert to_hex(named[obstacle.id].get_edgecolor()).upper() == COLOURS[number]
+
+
+def _key(figure: Any) -> tuple[list[Any], list[Any]]:
+    return figure.legends[0].get_texts(), figure.legends[0].legend_handles
+
+
+def test_slow_stretches_are_bands_along_the_path() -> None:
+    limits = [{"from": 5.0, "to": 9.0, "speed": 1.5}, {"from": 12.0, "speed": 2.0}]
+    scenario = scene(speed_limits=limits)
+    plan = sp.plan(scenario)
+    above = plot_space_time(plan, scenario).axes[0]
+    bands = sorted(
+        (patch.get_y(), patch.get_y() + patch.get_height()) for patch in above.patches if isinstance(patch, Rectangle)
+    )
+    assert np.ravel(bands) == pytest.approx([5.0, 9.0, 12.0, 20.0], abs=0.1)
+    assert [text.get_text() for text in above.texts] == [
+        "\N{LESS-THAN OR EQUAL TO}1.5 m/s",
+        "\N{LESS-THAN OR EQUAL TO}2 m/s",
+    ]
 
 
 def test_space_time_axes(radar: Case) -> None:

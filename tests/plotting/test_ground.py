@@ -49,7 +49,8 @@ def plan() -> sp.Plan:
 
 def _map(recording: Recording) -> Any:
     axes = Figure().subplots()
-    draw_map(axes, recording, np.array([0, len(recording.time) - 1]), narrow=False)
+    indices = np.array([0, len(recording.time) - 1])
+    draw_map(axes, recording, indices, map_extent(recording, indices))
     return axes
 
 

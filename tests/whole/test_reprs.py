@@ -57,7 +57,12 @@ def test_an_online_plan_tells_its_outcome() -> None:
     assert repr(found).startswith("OnlinePlan('scene', improved, safe, ")
 
 
-@pytest.mark.parametrize("which", ["plan", "run"])
+@pytest.fixture(scope="module")
+def scenario() -> sp.Scenario:
+    return scene(*CROSSERS, guide=[[0, 0], [10, 1], [20, 0]], speed_limits=[{"from": 2.0, "to": 4.0, "speed": 1.0}])
+
+
+@pytest.mark.parametrize("which", ["plan", "run", "scenario"])
 def test_notebooks_show_a_picture(which: str, request: pytest.FixtureRequest) -> None:
     pytest.importorskip("matplotlib")
     shown = request.getfixturevalue(which)
@@ -66,6 +71,13 @@ def test_notebooks_show_a_picture(which: str, request: pytest.FixtureRequest) ->
     assert found is not None
     assert base64.b64decode(found[1]).startswith(b"\x89PNG")
     assert "<pre>" in page and page.count("<pre>") == 1
+
+
+def test_sketches_name_their_obstacles(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    pytest.importorskip("matplotlib")
+    for figure in (plan.sketch(scene(*CROSSERS)), scenario.sketch()):
+        assert {text.get_text() for text in figure.axes[0].texts} >= {"slow", "fast"}
+    assert not any(text.get_text() == "slow" for text in plan.sketch().axes[0].texts)
 
 
 def test_without_matplotlib_notebooks_show_the_line(plan: sp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:

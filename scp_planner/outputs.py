@@ -1,4 +1,4 @@
-"""Functions that draw and export plans and runs, by name."""
+"""Functions that draw and export scenarios, plans and runs, by name."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ OUTPUTS = {
     "plan export": "scp_planner.export.files:export_plan",
     "plan plot": "scp_planner.plotting.views:plot_view",
     "plan sketch": "scp_planner.plotting.sketches:sketch_plan",
+    "scenario sketch": "scp_planner.plotting.sketches:sketch_scenario",
     "plan draw": "scp_planner.plotting.views:draw_plan",
     "run table": "scp_planner.export.tables:run_table",
     "run export": "scp_planner.export.files:export_run",
