@@ -82,4 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    try:
+        raise SystemExit(main())
+    except ImportError as missing:
+        raise SystemExit(f"{missing}: pip install 'scp-planner[plot]'") from None

@@ -11,6 +11,7 @@ import typer
 
 from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.cli.options import COMMONROAD_SUFFIX, bad_option, check_target
+from scp_planner.cli.output import tell
 from scp_planner.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ class SolutionOptions:
             settings = replace(road_settings(load_commonroad(scenario_file, model=model)), **values)
         return plan_commonroad(scenario_file, model=model, settings=settings, time_limit=time_limit)
 
-    def write(self, made: Plan, scenario_file: str) -> None:
-        """Write the solution file of a certified plan; none of another."""
+    def write(self, made: Plan, scenario_file: str, *, quiet: bool) -> None:
+        """Write the solution file of a certified plan, and say so; none of another."""
         from scp_planner.formats.commonroad.solution import export_commonroad_solution
 
         if not made.certified or self.file is None:
@@ -69,6 +70,9 @@ class SolutionOptions:
             export_commonroad_solution(made, scenario_file, self.file, model=self.model, cost=self.cost)
         except ValueError as error:
             raise bad_option("--commonroad-solution", self.file, str(error)) from error
+        if not quiet:
+            model = f"model {self.model}, cost {self.cost}"
+            tell(f"wrote {self.file}: a solution of {scenario_file} for CommonRoad's {model}")
 
 
 def scenario_of(scenario_file: str, trip: Plan | SampledTrajectory) -> Scenario | None:

@@ -156,7 +156,7 @@ def plan(
         else:
             answer = solution.planned(scenario_file, values, planning.time_limit)
             scenario, made = answer.scenario, answer.plan
-            solution.write(made, scenario_file)
+            solution.write(made, scenario_file, quiet=printing.quiet)
     if bound:
         with waiting("bounding what another plan could gain", printing.quiet):
             made = made.bounded()

@@ -116,7 +116,7 @@ def test_summaries_count_and_compare() -> None:
     assert second.evaluations == 10.0
     assert second.wall_time == 1.0
     lines = summary_table(trials).splitlines()
-    assert [line.split()[0] for line in lines] == ["method", "scp", "l-bfgs"]
+    assert [line.split()[0] for line in lines] == ["method", "scp", "l-bfgs", "excess:"]
     assert "4 (80%)" in lines[1]
 
 

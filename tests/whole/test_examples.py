@@ -37,6 +37,19 @@ def run_script(name: str, figure: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
+def test_without_its_extra_an_example_names_it(name: str, tmp_path: Path) -> None:
+    """Packages that come with extras cannot be imported, and there are no data."""
+    hidden = "import sys; sys.modules.update(dict.fromkeys(('matplotlib', 'rosbags', 'irsim'), None)); "
+    script, target = str(EXAMPLES / f"{name}.py"), str(tmp_path / "x.png")
+    start = f"import runpy; sys.argv = ['x', '-o', {target!r}]; runpy.run_path({script!r}, run_name='__main__')"
+    environment = {key: value for key, value in os.environ.items() if key != "SCP_PLANNER_DATA"}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    done = subprocess.run([sys.executable, "-c", hidden + start], env=environment, capture_output=True, text=True)
+    assert done.returncode in (0, 1, 2) and "Traceback" not in done.stderr, done.stderr
+    assert done.returncode == 0 or "pip install 'scp-planner[" in done.stderr or "save it as" in done.stderr
+
+
 def assert_is_picture(path: Path) -> None:
     with Image.open(path) as picture:
         assert min(picture.size) > 400

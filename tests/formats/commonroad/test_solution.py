@@ -338,6 +338,7 @@ def test_command_writes_a_solution(road_file: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert read(target).vehicle_id == "KS2"
+    assert f"wrote {target}: a solution of {road_file}" in done.output
     refused = CliRunner().invoke(app, ["plan", "builtin:crossing", "--commonroad-solution", str(target)])
     assert refused.exit_code == 2
     assert "needs a scenario of CommonRoad" in refused.output
