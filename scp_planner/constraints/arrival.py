@@ -22,18 +22,15 @@ class EarliestArrival(Constraint):
     """By how much a trip takes less than a travel time, s."""
 
     name: ClassVar[str] = "earliest arrival"
-    near: ClassVar[float] = np.inf
 
     travel_time: float
-    step_size: int
 
     def excess(self, trip: Trajectory) -> Array:
         return np.array([self.travel_time - trip.travel_time])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        gradient = np.zeros((len(index), self.step_size))
-        gradient[:, -1] = -trip.travel_time
-        return gradient
+        count = len(index)
+        return self.setup.of_drive(np.zeros((count, len(trip.beta))), np.full(count, -trip.travel_time))
 
 
 def earliest_arrival(setup: Setup) -> Iterator[Constraint]:
@@ -42,4 +39,4 @@ def earliest_arrival(setup: Setup) -> Iterator[Constraint]:
     if goal.earliest_arrival is not None and goal.earliest_arrival > start:
         latest = inf if goal.latest_arrival is None else goal.latest_arrival
         margin = min(EARLIEST_MARGIN, 0.5 * (latest - goal.earliest_arrival))
-        yield EarliestArrival(goal.earliest_arrival - start + margin, setup.step_size)
+        yield EarliestArrival(setup, goal.earliest_arrival - start + margin)

@@ -22,7 +22,6 @@ class InBox(Constraint):
     name: ClassVar[str] = "workspace bounds"
     near: ClassVar[float] = NEARNESS.near
 
-    setup: Setup
     box: Box
 
     def tightened(self, more: float) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -33,15 +33,15 @@ class _Look:
     contacts: ZoneContacts
 
 
+@dataclass(frozen=True)
 class Clearance(Constraint):
     """Entry into each zone, m: at refined minima of the distance over time, then at all samples."""
 
     name: ClassVar[str] = "clearance"
     near: ClassVar[float] = NEARNESS.near
 
-    def __init__(self, setup: Setup, zones: ZoneBatch) -> None:
-        self.setup, self.zones = setup, zones
-        self._last = LastTrip[_Look]()
+    zones: ZoneBatch
+    _last: LastTrip[_Look] = field(default_factory=LastTrip, init=False, repr=False, compare=False)
 
     @property
     def size(self) -> int:
@@ -147,9 +147,7 @@ class SampledClearance(Constraint):
     """Entry into each part of a zone, m, at given times."""
 
     name: ClassVar[str] = "clearance"
-    near: ClassVar[float] = np.inf
 
-    setup: Setup
     zones: ZoneBatch
     times: TimeTable
 

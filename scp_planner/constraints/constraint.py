@@ -19,11 +19,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+@dataclass(frozen=True)
 class Constraint(ABC):
     """One constraint: its excess is at most 0 in each of the places where it is looked at."""
 
     name: ClassVar[str]  # As certificates call it
-    near: ClassVar[float]  # Places with an excess below -near are not looked at in a step
+    near: ClassVar[float] = np.inf  # Places with an excess below -near are not looked at in a step
+
+    setup: Setup
 
     @property
     def size(self) -> int:
@@ -87,7 +90,6 @@ class Constraint(ABC):
 class Limit(Constraint):
     """A constraint whose excess is relative to an upper limit."""
 
-    setup: Setup
     limit: float
 
     def tightened(self, more: float) -> Self:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -21,19 +23,23 @@ AS_NEAR = 1e-9  # units of length, by which clearances differ that are one: roun
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 
+@dataclass(frozen=True)
 class DiscClearance(Constraint):
     """Entry of a disc, so many m ahead, into zones, m: at samples around minima of its clearance and some others."""
 
     name: ClassVar[str] = "discs"
     near: ClassVar[float] = NEARNESS.near
 
-    def __init__(self, setup: Setup, zones: ZoneBatch, ahead: float) -> None:
-        self.setup, self.zones, self.ahead = setup, zones, ahead
-        self._order = np.argsort(setup.samples.sigma, kind="stable")
-        self._last = LastTrip[Array]()
+    zones: ZoneBatch
+    ahead: float
+    _last: LastTrip[Array] = field(default_factory=LastTrip, init=False, repr=False, compare=False)
 
     def among(self, zones: ZoneBatch) -> DiscClearance:
-        return DiscClearance(self.setup, zones, self.ahead)
+        return replace(self, zones=zones)
+
+    @cached_property
+    def _order(self) -> Index:
+        return np.argsort(self.setup.samples.sigma, kind="stable")
 
     def excess(self, trip: Trajectory) -> Array:
         """Return the depths, (n L,) m: of each sample and zone; -inf where they do not count."""

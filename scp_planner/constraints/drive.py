@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -94,14 +93,11 @@ class TopSpeed(Limit):
         return _speed_gradient(self.setup, trip, index) / self.limit
 
 
-@dataclass(frozen=True)
 class Forwards(Constraint):
     """Excess -v / top speed at the control points of the speed after the first."""
 
     name: ClassVar[str] = "reverse"
     near: ClassVar[float] = -np.inf
-
-    setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
         return -trip.speed_control_points()[1:] / self.setup.limits.speed
@@ -110,14 +106,11 @@ class Forwards(Constraint):
         return _speed_gradient(self.setup, trip, index) / -self.setup.limits.speed
 
 
-@dataclass(frozen=True)
 class AccelerationBounds(Constraint):
     """Excess a / limit - 1, then -a / limit - 1 with that of the deceleration, at the control points."""
 
     name: ClassVar[str] = "acceleration"
     near: ClassVar[float] = -np.inf
-
-    setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
         limits, beta = self.setup.limits, trip.beta
@@ -130,14 +123,11 @@ class AccelerationBounds(Constraint):
         return scale[:, None] * found
 
 
-@dataclass(frozen=True)
 class OffsetBounds(Constraint):
     """Free control points of the offset beyond their bounds, m: over a bent guide they keep the path from folding."""
 
     name: ClassVar[str] = "offset"
     near: ClassVar[float] = -np.inf
-
-    setup: Setup
 
     def excess(self, trip: Trajectory) -> Array:
         ends = self.setup.ends

@@ -14,9 +14,7 @@ from scp_planner.trips.space import TripSpace
 
 STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
 INSIDE = 1e-6  # units of length, from the border of the goal
-LEAST_GOAL_SPEED = (
-    1e-5  # units of speed; a stop at the goal is planned with this: speeds below 0 are refused, however small
-)
+LEAST_GOAL_SPEED = 1e-5  # units of speed: what a stop at the goal is planned with, as speeds below 0 are refused
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
 FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked at
 

@@ -27,9 +27,7 @@ _END = np.ones(1)
 @dataclass(frozen=True)
 class GoalSpeedRange(Constraint):
     name: ClassVar[str] = "goal speed"
-    near: ClassVar[float] = np.inf
 
-    setup: Setup
     lowest: float
     highest: float
 
@@ -61,9 +59,7 @@ class GoalSpeed(GoalSpeedRange):
 @dataclass(frozen=True)
 class GoalRegion(Constraint):
     name: ClassVar[str] = "goal region"
-    near: ClassVar[float] = np.inf
 
-    setup: Setup
     ahead: float
     normals: Array
     offsets: Array
@@ -85,9 +81,7 @@ class GoalRegion(Constraint):
 @dataclass(frozen=True)
 class GoalHeading(Constraint):
     name: ClassVar[str] = "goal heading"
-    near: ClassVar[float] = np.inf
 
-    setup: Setup
     middle: float
     half: float
 

@@ -19,7 +19,6 @@ class Jerk(TwoSidedLimit):
     """Excess |da/dt| / limit - 1 at the control points of the jerk, which bound it at all times by convexity."""
 
     name: ClassVar[str] = "jerk"
-    near: ClassVar[float] = np.inf
 
     def use(self, trip: Trajectory) -> Array:
         return (jerk_matrix(self.setup.space) @ trip.beta) / (self.limit * trip.travel_time)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.setup import Setup
 from scp_planner.scenario.places import Stretch, limits_at
 from scp_planner.trips.path import Path
+from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
 BESIDE = 1e-7  # of the travel time; next to a border
@@ -26,31 +28,35 @@ CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend 
 class _SpeedSites:
     """Speeds in places."""
 
-    parameter: Array  # (n,): normalised stations; sigma are normalised times
-    sigma: Array  # (n,)
+    parameter: Array  # (n,): normalised stations
+    sigma: Array  # (n,): normalised times
     speed: Array  # (n,), m/s
     acceleration: Array  # (n,), m/s^2
     limit: Array  # (n,): m/s; inf where there is none
     pieces: _OtherPieces  # of them, those that stand for other pieces of the acceleration
 
 
+@dataclass(frozen=True)
 class SpeedLimits(Constraint):
     name: ClassVar[str] = "speed_limits"
     near: ClassVar[float] = 0.6
 
-    def __init__(self, setup: Setup, stretches: tuple[Stretch, ...]) -> None:
-        self.setup, self.space, self.stretches = setup, setup.space, stretches
-        self._borders = _Borders(
-            tuple(part for part in stretches for _ in range(2)),
-            np.array([border for part in stretches for border in (part.first, part.last)]),
-        )
-        self._jumps = self.space.time_table(self.space.acceleration.breakpoints[1:-1])
-        self._last = LastTrip[_SpeedSites]()
+    stretches: tuple[Stretch, ...]
+    _last: LastTrip[_SpeedSites] = field(default_factory=LastTrip, init=False, repr=False, compare=False)
+
+    @cached_property
+    def _borders(self) -> _Borders:
+        stretches = tuple(part for part in self.stretches for _ in range(2))
+        return _Borders(stretches, np.array([at for part in self.stretches for at in (part.first, part.last)]))
+
+    @cached_property
+    def _jumps(self) -> TimeTable:
+        return self.setup.space.time_table(self.setup.space.acceleration.breakpoints[1:-1])
 
     def tightened(self, more: float) -> SpeedLimits:
         if more == 0.0:
             return self
-        return SpeedLimits(self.setup, tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches))
+        return replace(self, stretches=tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches))
 
     def excess(self, trajectory: Trajectory) -> Array:
         sites = self._sites(trajectory)
@@ -67,7 +73,7 @@ class SpeedLimits(Constraint):
             sites.speed[index],
             np.where(fixed_time, 0.0, sites.acceleration[index]),
         )
-        first = len(self.space.tables.station_parameters)
+        first = len(self.setup.space.tables.station_parameters)
         gates = np.flatnonzero((index >= first) & ~fixed_time)
         count = self.setup.free_size
         border = (index[gates] - first) % len(self._borders.at)
@@ -86,7 +92,7 @@ class SpeedLimits(Constraint):
         tangent = np.array([part.line.across_border(place, at) for part, place, at in places]).reshape(-1, 2)
         sideways = np.einsum("ij,ij->i", tangent, np.broadcast_to(points.normal, tangent.shape))
         along = np.einsum("ij,ij->i", tangent, points.direction) / points.speed
-        rows = self.space.path.rows_at(points.span, points.local)[:, self.setup.ends.free]
+        rows = self.setup.space.path.rows_at(points.span, points.local)[:, self.setup.ends.free]
         moves: Array = -(sideways / along)[:, None] * rows
         return moves
 
@@ -94,7 +100,7 @@ class SpeedLimits(Constraint):
         return self._last.of(trajectory, self._looked_for)
 
     def _looked_for(self, trajectory: Trajectory) -> _SpeedSites:
-        space, path = self.space, trajectory.path
+        space, path = self.setup.space, trajectory.path
         stations = space.tables.station_parameters
         gates, sides, speeds = self._gates(path)
         limits, count = np.where(gates >= 0.0, speeds, np.inf), len(stations)
@@ -120,7 +126,7 @@ class SpeedLimits(Constraint):
         """Normalised stations at which the path first crosses each border, -1 if it does not; side; limit."""
         along = self._borders.lines_at(path.station_positions)
         cells = (along[:, :-1] < self._borders.at[:, None]) & (along[:, 1:] >= self._borders.at[:, None])
-        gates, stations = np.full(len(cells), -1.0), self.space.tables.station_parameters
+        gates, stations = np.full(len(cells), -1.0), self.setup.space.tables.station_parameters
         # Borders whose first cell with a crossing turns out to have none are looked for in the next one.
         while (some := np.flatnonzero(cells.any(axis=1) & (gates < 0.0))).size:
             cell = np.argmax(cells[some], axis=1)
@@ -135,11 +141,9 @@ class SpeedLimits(Constraint):
 class _OtherPieces:
     """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays."""
 
-    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
+    # As in _SpeedSites; the acceleration is what counts for each m that the gate moves at the speed driven
     speed: Array
-    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
     acceleration: Array
-    # as in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven
     limit: Array
     own: Index  # number of the piece at the gate
     other: Index  # number of the piece that is gone on with

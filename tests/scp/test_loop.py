@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -86,22 +86,22 @@ def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPat
     assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
 
 
+@dataclass(frozen=True)
 class Watched(Constraint):
-    """A limit that is always kept, and tells how often trips are evaluated and linearised."""
+    """A limit that is always kept, and tells each time that trips are evaluated and linearised."""
 
     name = "watched"
-    near = np.inf
 
-    def __init__(self, on_gradient: Callable[[], None] = lambda: None) -> None:
-        self.on_gradient = on_gradient
-        self.evaluated = self.linearised = 0
+    on_gradient: Callable[[], None] = lambda: None
+    evaluated: list[Trajectory] = field(default_factory=list)
+    linearised: list[Trajectory] = field(default_factory=list)
 
     def excess(self, trip: Trajectory) -> Array:
-        self.evaluated += 1
+        self.evaluated.append(trip)
         return np.array([-1.0])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        self.linearised += 1
+        self.linearised.append(trip)
         self.on_gradient()
         return np.zeros((len(index), PROBLEM.step_size))
 
@@ -135,29 +135,29 @@ def test_an_iteration_ends_between_its_parts_when_the_time_is_up(part: str, monk
     def late() -> None:
         clock.tick = 1.0
 
-    limit = Watched(late) if part == "linearise" else Watched()
+    limit = Watched(PROBLEM, late) if part == "linearise" else Watched(PROBLEM)
     solver = Slow(late) if part == "solve" else Slow()
     run = watched(limit, solver=solver).run(START, 60, deadline=0.5)
     assert run.status is (LoopStatus.TIME_LIMIT)
-    assert limit.linearised == 1 and solver.solved == (part == "solve")
+    assert len(limit.linearised) == 1 and solver.solved == (part == "solve")
     assert len(run.record) == (part == "solve")
 
 
 def test_no_trip_is_linearised_twice_or_looked_at_in_vain() -> None:
     """After a step that is rejected the rows are known, and a trip that will be too slow is not looked at."""
-    limit = Watched()
+    limit = Watched(PROBLEM)
     bow = next(islice(bows(PROBLEM), 3, None))
     run = watched(limit).run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
     rejected = sum(not step.accepted for step in run.record)
     assert rejected > 0
     # The last one, from which nothing is left to gain, ends without a step.
-    assert limit.linearised <= len(run.record) + 1 - rejected and limit.evaluated == len(run.record) + 1
+    assert len(limit.linearised) <= len(run.record) + 1 - rejected and len(limit.evaluated) == len(run.record) + 1
     start = next(islice(bows(PROBLEM), 2, None))
-    best = watched(Watched()).run(start, 60).evaluation.trajectory.travel_time
-    limit = Watched()
+    best = watched(Watched(PROBLEM)).run(start, 60).evaluation.trajectory.travel_time
+    limit = Watched(PROBLEM)
     slow = watched(limit).run(start, 60, cutoff=0.97 * best)
     assert slow.status is LoopStatus.SLOWER and slow.evaluation.trajectory.travel_time > 0.97 * best
-    assert limit.linearised == limit.evaluated == len(slow.record) + 1
+    assert len(limit.linearised) == len(limit.evaluated) == len(slow.record) + 1
 
 
 @pytest.mark.slow
@@ -165,9 +165,9 @@ def test_after_a_short_step_nothing_is_linearised_again() -> None:
     """What such a step is off the minimum by is of no account: the trip is the one that another look would keep."""
     ended, looks = {}, {}
     for short in (LOOP.short, 0.0):
-        limit = Watched()
+        limit = Watched(PROBLEM)
         ended[short] = [watched(limit, replace(LOOP, short=short)).run(bow, 60) for bow in bows(PROBLEM)]
-        looks[short] = limit.linearised
+        looks[short] = len(limit.linearised)
     assert looks[LOOP.short] < looks[0.0]
     for sooner, later in zip(*ended.values(), strict=True):
         assert sooner.status is later.status
