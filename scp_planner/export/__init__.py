@@ -5,14 +5,13 @@ May import plans, runs and all below. Begin with `files`.
 
 from __future__ import annotations
 
-from scp_planner.export.files import EXPORT_SUFFIXES, export, export_plan, export_run
+from scp_planner.export.files import EXPORT_SUFFIXES, export_plan, export_run
 from scp_planner.export.ros import plan_messages, run_messages, save_messages
 from scp_planner.export.tables import cycle_table, plan_table, run_table, save_table
 
 __all__ = [
     "EXPORT_SUFFIXES",
     "cycle_table",
-    "export",
     "export_plan",
     "export_run",
     "plan_messages",

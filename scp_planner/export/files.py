@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from scp_planner.export.ros import BODY, FRAME, MCAP_SUFFIX, plan_messages, run_messages, save_messages
 from scp_planner.export.tables import SAMPLES, TABLE_SUFFIXES, plan_table, run_table, save_table
@@ -15,28 +15,6 @@ if TYPE_CHECKING:
 
 EXPORT_SUFFIXES = (*TABLE_SUFFIXES, MCAP_SUFFIX)
 """Suffixes of files; a name without one is the folder of a bag."""
-
-
-def export(subject: Plan | Run, path: str | PathLike[str], **options: Any) -> None:
-    """Write a plan or a run for other programs.
-
-    Parameters
-    ----------
-    subject : Plan or Run
-    path : path
-        .csv or .npz: a table, see `plan_table` and `run_table`; .mcap, or without suffix a bag's folder: messages,
-        see `plan_messages` and `run_messages`.
-    **options
-        See `export_plan` and `export_run`.
-
-    Raises
-    ------
-    ImportError
-        If messages are asked for and `rosbags` is not installed.
-    ValueError
-        If the suffix is another one, there are too few samples, or a time is none of ROS.
-    """
-    subject.export(path, **options)
 
 
 def export_plan(
@@ -54,7 +32,7 @@ def export_plan(
     ----------
     plan : Plan
     path : path
-        See `export`.
+        .csv or .npz: a table, see `plan_table`; .mcap, or without suffix a bag's folder: messages, see `plan_messages`.
     samples : int
         At least 2.
     frame, body : str
@@ -84,7 +62,7 @@ def export_run(
     ----------
     run : Run
     path : path
-        See `export`.
+        .csv or .npz: a table, see `run_table`; .mcap, or without suffix a bag's folder: messages, see `run_messages`.
     frame, body : str
         Of messages: names of the frame that positions are in and of the vehicle.
     epoch : float

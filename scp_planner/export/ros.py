@@ -37,8 +37,8 @@ SECONDS = 2**31  # ROS counts them in 32 bits
 class StampedMessage:
     """A message, and where and when it was sent."""
 
-    topic: str  # Such as ``/plan/path`` and ``nav_msgs/msg/Path``
-    kind: str  # Such as ``/plan/path`` and ``nav_msgs/msg/Path``
+    topic: str  # Such as ``/plan/path``
+    kind: str  # Such as ``nav_msgs/msg/Path``
     stamp: int  # ns
     message: Any  # With the attributes that the kind has in ROS
 
@@ -260,7 +260,7 @@ def _trajectory(plan: Plan, table: dict[str, NDArray[Any]], frame: str, body: st
             ],
             velocities=[_twist(vx, vy, turning[k])],
             accelerations=[_twist(acceleration[k, 0], acceleration[k, 1], turning_change[k])],
-            time_from_start=_duration(t - plan.start_time),
+            time_from_start=_clock("Duration", round((t - plan.start_time) * NANOSECONDS)),
         )
         for k, (t, x, y, direction, vx, vy) in enumerate(
             _rows(table, "time_s", "x_m", "y_m", "heading_rad", "velocity_x_m_per_s", "velocity_y_m_per_s")
@@ -286,14 +286,8 @@ def _turning_change(plan: Plan, time: Array) -> Array:
 def _odometry(run: Run, frame: str, body: str, epoch: float) -> Iterator[Any]:
     turning = np.gradient(np.unwrap(run.heading), run.time)
     unknown = np.zeros(36)  # covariances, which nothing is known of
-    for time, (x, y), heading, speed, rate in zip(
-        run.time.tolist(),
-        run.position.tolist(),
-        run.heading.tolist(),
-        run.speed.tolist(),
-        turning.tolist(),
-        strict=True,
-    ):
+    rows = np.column_stack([run.time, run.position, run.heading, run.speed, turning]).tolist()
+    for time, x, y, heading, speed, rate in rows:
         yield _make(
             "nav_msgs/msg/Odometry",
             header=_header(time, frame, epoch),
@@ -321,14 +315,13 @@ def _stamp(time: float, epoch: float) -> int:
 
 
 def _header(time: float, frame: str, epoch: float) -> Any:
-    seconds, rest = divmod(_stamp(time, epoch), NANOSECONDS)
-    stamp = _make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    stamp = _clock("Time", _stamp(time, epoch))
     return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def _duration(time: float) -> Any:
-    seconds, rest = divmod(round(time * NANOSECONDS), NANOSECONDS)
-    return _make("builtin_interfaces/msg/Duration", sec=seconds, nanosec=rest)
+def _clock(kind: str, nanoseconds: int) -> Any:
+    seconds, rest = divmod(nanoseconds, NANOSECONDS)
+    return _make(f"builtin_interfaces/msg/{kind}", sec=seconds, nanosec=rest)
 
 
 def _pose(x: float, y: float, heading: float) -> Any:

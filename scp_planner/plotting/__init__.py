@@ -11,21 +11,16 @@ from __future__ import annotations
 from scp_planner.plotting.animation import animate, animate_plan
 from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
-from scp_planner.plotting.views import draw_plan, draw_run, plot_run_view, plot_view
 from scp_planner.settings.pictures import View
 
 __all__ = [
     "View",
     "animate",
     "animate_plan",
-    "draw_plan",
-    "draw_run",
     "plot_plan",
     "plot_profiles",
     "plot_run",
     "plot_run_profiles",
     "plot_run_space_time",
-    "plot_run_view",
     "plot_space_time",
-    "plot_view",
 ]

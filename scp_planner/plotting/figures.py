@@ -15,7 +15,7 @@ from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import DPI, check_suffix, save, settle, style
+from scp_planner.plotting.style import DPI, check_suffix, finish, style
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -163,10 +163,7 @@ def _plot_recording(recording: Recording, shown: Array, path: str | PathLike[str
         panels = profile_part.subplots(6, 1) if narrow else profile_part.subplots(2, 3)
         draw_map(map_part.subplots(), recording, indices, box, narrow=narrow)
         draw_profiles(list(panels.ravel()), recording, indices, stacked=narrow)
-        settle(figure)
-        if path is not None:
-            save(figure, path)
-    return figure
+        return finish(figure, path)
 
 
 def _plot_profiles(recording: Recording, path: str | PathLike[str] | None) -> Figure:
@@ -177,10 +174,7 @@ def _plot_profiles(recording: Recording, path: str | PathLike[str] | None) -> Fi
         figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
         panels = list(figure.subplots(6, 1, height_ratios=[0.9, 1, 1, 1, 1, 1]))
         draw_profiles(panels, recording, np.array([], dtype=np.intp), stacked=True, fact_width=80)
-        settle(figure)
-        if path is not None:
-            save(figure, path)
-    return figure
+        return finish(figure, path)
 
 
 def _parts(extent: tuple[Array, Array]) -> tuple[Figure, SubFigure, SubFigure, bool]:

@@ -33,11 +33,11 @@ Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
 class Profile:
     """A quantity over time and its limits."""
 
-    name: str  # As they stand at the axis
-    unit: str  # As they stand at the axis
+    name: str  # As it stands at the axis
+    unit: str
     values: Array  # (n,)
-    lower: float | None = None  # Limits; None: unbounded
-    upper: float | None = None  # Limits; None: unbounded
+    lower: float | None = None  # None: unbounded
+    upper: float | None = None
     upper_at: Array | None = None  # (n,) The upper limit at each time, where it is not the same in all places
 
 
@@ -94,8 +94,8 @@ class Recording:
     facts: tuple[tuple[str, str], ...]
     time: Array  # (n,) Absolute, s
     position: Array  # (n, 2) m
-    heading: Array  # (n,) rad, m/s
-    speed: Array  # (n,) rad, m/s
+    heading: Array  # (n,) rad
+    speed: Array  # (n,) m/s
     radius: float  # m
     max_speed: float  # m/s
     goal: tuple[float, float]
@@ -182,14 +182,10 @@ def frame_count(span: float, frames_per_second: float) -> int:
 
 def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None) -> Recording:
     """Sample a plan and the zones of its scenario."""
-    time = (
-        np.linspace(plan.start_time, plan.arrival_time, times)
-        if isinstance(times, int)
-        else np.asarray(times, dtype=float)
-    )
+    span = plan.start_time, plan.arrival_time
+    time = np.linspace(*span, times) if isinstance(times, int) else np.asarray(times, dtype=float)
     truth = dict(truth or {})
-    unknown = sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles})
-    if unknown:
+    if unknown := sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles}):
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
     position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
     return Recording(
@@ -214,7 +210,7 @@ def record_course(scenario: Scenario, times: int) -> Recording:
     line = np.array(scenario.guide or (start.position, goal.position))
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     along = np.linspace(0.0, run[-1], times)
-    position = np.stack([np.interp(along, run, line[:, axis]) for axis in (0, 1)], axis=-1)
+    position = points_at(along, run, line)
     heading = np.arctan2(*np.gradient(position, axis=0).T[::-1])
     heading[0] = heading[0] if start.heading is None else start.heading
     time = start.time + along / scenario.vehicle.max_speed
@@ -245,6 +241,11 @@ def _record_obstacles(
         for one in scenario.obstacles
     ]
     return (*bodies, *(record_outside(name, clearances[name]) for name in ground_of(scenario)))
+
+
+def points_at(time: Array, known: Array, points: Array, beyond: float | None = None) -> Array:
+    """Points (m, 2) between known times; NaN where one of the neighbours is."""
+    return np.stack([np.interp(time, known, each, left=beyond, right=beyond) for each in points.T], axis=-1)
 
 
 def ground_of(scenario: Scenario) -> tuple[str, ...]:
@@ -347,7 +348,7 @@ def _true_centers(
     if callable(truth):
         return np.asarray(truth(time), dtype=float)
     times, centers = (np.asarray(part, dtype=float) for part in truth)
-    return np.stack([np.interp(time, times, centers[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)], axis=-1)
+    return points_at(time, times, centers, np.nan)
 
 
 def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:

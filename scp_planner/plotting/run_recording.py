@@ -17,6 +17,7 @@ from scp_planner.plotting.recording import (
     clearance_of,
     frame_count,
     ground_of,
+    points_at,
     profiles_of,
     record_outside,
     scene_of,
@@ -38,7 +39,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
     time = np.union1d(np.linspace(run.time[0], run.time[-1], frame_count(span, frames_per_second) + 1), times)
     cycle_times = np.array([cycle.time for cycle in run.records])
     cycle = np.clip(np.searchsorted(cycle_times, time + 1e-9, "right") - 1, 0, None)
-    position = _interpolated(time, run.time, run.position)
+    position = points_at(time, run.time, run.position)
     speed = np.interp(time, run.time, run.speed)
     acceleration, curvature = _driven(run)
     vehicle = run.scenario.vehicle
@@ -125,7 +126,7 @@ def _obstacle(
         padded=True,
         boundary=boundary,
         clearance=clearance,
-        truth=None if truth is None else _interpolated(time, run.time, truth),
+        truth=None if truth is None else points_at(time, run.time, truth),
         observed=np.array(seen) if seen else None,
     )
 
@@ -146,11 +147,6 @@ def _driven(run: Run) -> tuple[Array, Array]:
     # Below that the curvature is a quotient of two differences near 0.
     moving = run.speed > 0.01 * run.scenario.vehicle.max_speed
     return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)
-
-
-def _interpolated(time: Array, known: Array, points: Array) -> Array:
-    """Points (m, 2) between known times; NaN where one of the neighbours is."""
-    return np.stack([np.interp(time, known, points[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def _facts(run: Run) -> tuple[tuple[str, str], ...]:

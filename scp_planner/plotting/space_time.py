@@ -13,7 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.plotting.ground import SLOW_LOOK
-from scp_planner.plotting.recording import ground_of
+from scp_planner.plotting.recording import ground_of, points_at
 from scp_planner.plotting.run_recording import names_of
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
@@ -25,10 +25,9 @@ from scp_planner.plotting.style import (
     SLOW_TEXT,
     check_suffix,
     colour_of,
+    finish,
     halo,
     label_lengths,
-    save,
-    settle,
     style,
     time_label,
 )
@@ -58,12 +57,12 @@ class _Grids:
     position: Array  # (GRID, 2) m
     distance: Array  # (GRID,) m
     offset: Array  # (GRID,) m
-    stations: Array  # (GRID,) The grid's distances and offsets, m
-    offsets: Array  # (GRID,) The grid's distances and offsets, m
+    stations: Array  # (GRID,) Distances of the grid, m
+    offsets: Array  # (GRID,) Its offsets, m
     along: Array  # (GRID, GRID, 2) Points on the path at each station and time
-    across: Array  # (GRID, GRID, 2) Points on the path at each station and time
-    along_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there: along its path
-    across_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there: along its path
+    across: Array  # (GRID, GRID, 2) Points at each offset and time, beside where the vehicle then is
+    along_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there
+    across_ahead: Array  # (GRID, GRID, 2)
 
 
 @dataclass(frozen=True)
@@ -114,10 +113,7 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
         _draw_vehicle(above, below, grids)
         above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
         _draw_key(figure, {region.id: region.colour for region in regions})
-        settle(figure)
-        if path is not None:
-            save(figure, path)
-    return figure
+        return finish(figure, path)
 
 
 def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Figure:
@@ -147,7 +143,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
         check_suffix(path, FIGURE_SUFFIXES)
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.position, axis=0), axis=1))])
     time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
-    points = np.stack([np.interp(stations, driven, run.position[:, axis]) for axis in (0, 1)], axis=-1)
+    points = points_at(stations, driven, run.position)
     ahead = _unit(np.interp(stations, driven, np.unwrap(run.heading)))
     regions = _known_regions(run, time, points, ahead, far=float(driven[-1]))
     colours = _colours(names_of(run), run.scenario)
@@ -170,10 +166,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
         label_lengths(axes.yaxis, "distance along the driven path", unit_of(float(np.ptp(axes.get_ylim()))))
         axes.set_title(f"{run.scenario.name}: when which part of the way was taken", loc="left", fontweight="bold")
         _draw_key(figure, {name: colours[name] for name, _ in regions}, planned=True)
-        settle(figure)
-        if path is not None:
-            save(figure, path)
-    return figure
+        return finish(figure, path)
 
 
 def _known_regions(run: Run, time: Array, points: Array, ahead: Array, far: float) -> list[tuple[str, Array]]:
@@ -202,10 +195,9 @@ def _grids(plan: Plan, least_reach: float) -> _Grids:
     # The path by distance: the trip itself runs along it, if not evenly.
     stations = np.linspace(0.0, float(trip.distance[-1]), GRID)
     fine = np.linspace(plan.start_time, plan.arrival_time, 10 * GRID)
-    runs, points = plan.trip.at(fine)[0].distance, plan.position(fine)
-    path = np.stack([np.interp(stations, runs, points[:, axis]) for axis in (0, 1)], axis=-1)
-    heading = np.unwrap(plan.heading(fine))
-    ahead = _unit(np.interp(stations, runs, heading))
+    runs = plan.trip.at(fine)[0].distance
+    path = points_at(stations, runs, plan.position(fine))
+    ahead = _unit(np.interp(stations, runs, np.unwrap(plan.heading(fine))))
     normal = plan.trip.frame.vectors_to_world(np.broadcast_to(trip.path.normal, position.shape))
     guide = position - trip.path.offset[:, None] * normal
     reach = max(1.4 * float(np.abs(trip.path.offset).max()), least_reach)

@@ -110,12 +110,16 @@ def settle(figure: Figure) -> None:
             axes.set_position((left, bottom, width, height), which=which)
 
 
-def save(figure: Figure, path: str | PathLike[str]) -> None:
-    """Save a figure whole or not at all, without the date: the same figure is the same file."""
+def finish(figure: Figure, path: str | PathLike[str] | None) -> Figure:
+    """Settle a figure, and save it if it is to be: whole or not at all, and without the date, as the same file."""
+    settle(figure)
+    if path is None:
+        return figure
     suffix = check_suffix(path, FIGURE_SUFFIXES)
     dateless: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with replacing(path) as temporary:
         figure.savefig(temporary, format=suffix.removeprefix("."), metadata=dateless.get(suffix))
+    return figure
 
 
 def limit_times(axes: Axes, recording: Recording) -> None:

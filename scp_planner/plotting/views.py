@@ -25,25 +25,7 @@ if TYPE_CHECKING:
 def plot_view(
     plan: Plan, scenario: Scenario, path: str | PathLike[str] | None = None, view: View | str = View.MAP
 ) -> Figure:
-    """Draw a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    scenario : Scenario
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-    view : View or str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ValueError
-        If the suffix or the view is another one.
-    """
+    """Draw a plan."""
     match word_of(View, view, "view"):
         case View.MAP:
             return plot_plan(plan, scenario, path)
@@ -54,24 +36,7 @@ def plot_view(
 
 
 def plot_run_view(run: Run, path: str | PathLike[str] | None = None, view: View | str = View.MAP) -> Figure:
-    """Draw a closed loop.
-
-    Parameters
-    ----------
-    run : Run
-    path : path, optional
-        Where to save the figure: .png, .pdf or .svg.
-    view : View or str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ValueError
-        If the suffix or the view is another one.
-    """
+    """Draw a closed loop."""
     match word_of(View, view, "view"):
         case View.MAP:
             return plot_run(run, path)
@@ -82,22 +47,7 @@ def plot_run_view(run: Run, path: str | PathLike[str] | None = None, view: View 
 
 
 def draw_plan(plan: Plan, scenario: Scenario, path: str | PathLike[str], view: View | str = View.MAP) -> None:
-    """Draw a plan into a file, as its suffix says.
-
-    Parameters
-    ----------
-    plan : Plan
-    scenario : Scenario
-    path : path
-        .png, .pdf, .svg: a figure; .gif, .mp4: an animation; .html: a page for a browser.
-    view : View or str
-        What the figure shows; animations and pages show all.
-
-    Raises
-    ------
-    ValueError
-        If the suffix or the view is another one.
-    """
+    """Draw a plan into a file, as its suffix says."""
     suffix = check_suffix(path, PICTURE_SUFFIXES)
     if suffix in PAGE_SUFFIXES:
         save_viewer(plan, scenario, path)
@@ -108,21 +58,7 @@ def draw_plan(plan: Plan, scenario: Scenario, path: str | PathLike[str], view: V
 
 
 def draw_run(run: Run, path: str | PathLike[str], view: View | str = View.MAP) -> None:
-    """Draw a closed loop into a file, as its suffix says.
-
-    Parameters
-    ----------
-    run : Run
-    path : path
-        .png, .pdf, .svg: a figure; .gif, .mp4: an animation; .html: a page for a browser.
-    view : View or str
-        What the figure shows; animations and pages show all.
-
-    Raises
-    ------
-    ValueError
-        If the suffix or the view is another one.
-    """
+    """Draw a closed loop into a file, as its suffix says."""
     suffix = check_suffix(path, PICTURE_SUFFIXES)
     if suffix in PAGE_SUFFIXES:
         save_recording(record_run(run), path)

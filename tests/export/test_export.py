@@ -18,7 +18,6 @@ from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.export import (
     cycle_table,
-    export,
     plan_messages,
     plan_table,
     run_messages,
@@ -203,14 +202,14 @@ def check_plan(found: dict[str, list[tuple[int, Any]]], plan: sp.Plan, count: in
 def test_messages_are_the_plan(form: str, clock: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     plan = request.getfixturevalue(clock)
     path = tmp_path / form
-    export(plan, path, samples=41, frame="odom", body="robot")
+    plan.export(path, samples=41, frame="odom", body="robot")
     check_plan(read_back(path), plan, 41)
     assert [entry.name for entry in tmp_path.iterdir()] == [form]
 
 
 @needs_rosbags
 def test_another_reader_finds_the_same(plan: sp.Plan, tmp_path: Path) -> None:
-    export(plan, tmp_path / "plan.mcap", samples=41, frame="odom", body="robot")
+    plan.export(tmp_path / "plan.mcap", samples=41, frame="odom", body="robot")
     check_plan(read_by_another(tmp_path / "plan.mcap"), plan, 41)
 
 
@@ -246,7 +245,7 @@ def test_run_as_messages(run: sp.Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize("epoch", [-1.0, 2.0**31])
 def test_times_without_a_stamp_are_refused(plan: sp.Plan, tmp_path: Path, epoch: float) -> None:
     with pytest.raises(ValueError, match="no time of ROS"):
-        export(plan, tmp_path / "plan.mcap", epoch=epoch)
+        plan.export(tmp_path / "plan.mcap", epoch=epoch)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -257,7 +256,7 @@ def test_what_was_exported_before_is_replaced(plan: sp.Plan, tmp_path: Path, nam
     if name == "link":
         target.symlink_to(tmp_path / "bag")
     for samples in (5, 7):
-        export(plan, target, samples=samples)
+        plan.export(target, samples=samples)
         file = target if target.is_file() else next(target.glob("*.mcap"))
         assert len(read_back(file)["/plan/path"][0][1].poses) == samples
     assert target.is_symlink() == (name == "link")
@@ -269,12 +268,12 @@ def test_a_folder_that_is_no_bag_is_left_alone(plan: sp.Plan, plan_file: Path, t
     for name in ("empty", "mixed", "other"):
         (tmp_path / name).mkdir()
     (tmp_path / "other" / "metadata.yaml").write_text("nothing: of a bag")
-    export(plan, tmp_path / "mixed" / "bag")
+    plan.export(tmp_path / "mixed" / "bag")
     (tmp_path / "mixed" / "bag" / "diary.txt").write_text("mine")
     for folder in (tmp_path / "empty", tmp_path / "mixed" / "bag", tmp_path / "other"):
         before = sorted(folder.iterdir())
         with pytest.raises(FileExistsError):
-            export(plan, folder)
+            plan.export(folder)
         done = CliRunner().invoke(app, ["export", str(plan_file), "-o", str(folder)])
         assert done.exit_code == 2 and "is no bag" in done.stderr
         assert sorted(folder.iterdir()) == before
@@ -282,7 +281,7 @@ def test_a_folder_that_is_no_bag_is_left_alone(plan: sp.Plan, plan_file: Path, t
 
 def test_unknown_forms_are_refused(plan: sp.Plan, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"plan\.xlsx: must end in one of \.csv, \.npz, \.mcap"):
-        export(plan, tmp_path / "plan.xlsx")
+        plan.export(tmp_path / "plan.xlsx")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -33,7 +33,7 @@ def test_every_public_name_is_shown(linter: ModuleType) -> None:
         "scp_planner.planning.plan.Plan",
         "scp_planner.threat_zones.of_scenario.zones",
     } <= shown, "exported"
-    assert {"scp_planner.threat_zones.zone.ThreatZone", "scp_planner.plotting.views.draw_plan"} <= shown, (
+    assert {"scp_planner.threat_zones.zone.ThreatZone", "scp_planner.plotting.figures.plot_plan"} <= shown, (
         "in the reference alone"
     )
     assert "scp_planner.scenario.validation.Part" in shown, "a base, whose methods are reached"
