@@ -29,9 +29,9 @@ class PlanningMethod(StrEnum):
 
 @dataclass(frozen=True)
 class Options:
-    """Options of all plans of a batch."""
+    """How to plan."""
 
-    method: PlanningMethod = PlanningMethod.SCP  # ``scp`` or ``penalty-descent``; `SettingsError` if it is neither
+    method: PlanningMethod = PlanningMethod.SCP
     settings: Settings = field(default_factory=Settings)
     time_limit: float | None = None  # Wall time for one scenario, s
     samples: int = 200
@@ -106,7 +106,7 @@ class JobResult:
 def carry_out(job: Job) -> JobResult:
     """Plan a scenario; this runs in a worker."""
     began = perf_counter()
-    plan = _plan(job)
+    plan = planned(job.scenario, job.options)
     wall_time = perf_counter() - began
     row = TableRow(
         file=job.file,
@@ -128,15 +128,15 @@ def carry_out(job: Job) -> JobResult:
     return JobResult(row, json.dumps(plan.to_dict(job.options.samples), allow_nan=False) + "\n")
 
 
-def _plan(job: Job) -> Plan:
-    options = job.options
+def planned(scenario: Scenario, options: Options) -> Plan:
+    """Plan a scenario by the method that is asked for."""
     if options.method is PlanningMethod.PENALTY_DESCENT:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
-        return penalty_descent(job.scenario, options.settings, time_limit=options.time_limit)
+        return penalty_descent(scenario, options.settings, time_limit=options.time_limit)
     from scp_planner.planning import offline
 
-    return offline.plan(job.scenario, options.settings, time_limit=options.time_limit)
+    return offline.plan(scenario, options.settings, time_limit=options.time_limit)
 
 
 def digest_of(scenario: Scenario) -> str:

@@ -105,22 +105,18 @@ def _columns(timings: bool) -> list[str]:
     return [each.name for each in fields(TableRow) if timings or each.name != "wall_time"]
 
 
+@dataclass
 class _Batch:
     """The state of one batch."""
 
-    def __init__(
-        self,
-        files: Mapping[str, Path],
-        table: Table,
-        options: Options,
-        plans: Path | None,
-        retry: bool,
-        progress: Callable[[int, str], None] | None,
-    ) -> None:
-        self.files, self.table, self.options, self.plans, self.retry = files, table, options, plans, retry
-        self.progress = progress
-        self.done = 0
-        self.done_before = 0
+    files: Mapping[str, Path]
+    table: Table
+    options: Options
+    plans: Path | None
+    retry: bool
+    progress: Callable[[int, str], None] | None
+    done: int = 0
+    done_before: int = 0
 
     def jobs(self) -> Iterator[Job]:
         """Give what is to be planned, and settle what needs no planning on the way."""
@@ -140,10 +136,8 @@ class _Batch:
         """Take what came of a job: its plan first, so that where there is a row there is a plan."""
         job, result = answer.item, answer.result
         if result is None:
-            name = job.scenario.name
-            row = TableRow(
-                job.file, name, answer.fate.value, answer.reason, options=str(self.options), digest=job.digest
-            )
+            told = answer.fate.value, answer.reason
+            row = TableRow(job.file, job.scenario.name, *told, options=str(self.options), digest=job.digest)
         else:
             row = result.row
             if self.plans is not None and result.plan is not None:

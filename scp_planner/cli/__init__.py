@@ -4,13 +4,13 @@ Exit codes: 0 done and certified; 2 bad input, and nothing has been written; 3 n
 found, and the best attempt has been written with its status and the reason; 4 the workers of a batch have gone, and
 the rows that were done are kept; 130 interrupted.
 
-May import everything. Begin with `application`, then the commands: `trips`, `checks`, `many`,
-`studies`, `exports`, `listings`.
+May import everything. Begin with `application`, then the commands: `trips`, `made`, `many`,
+`studies`, `listings`.
 """
 
 from __future__ import annotations
 
-from scp_planner.cli import checks, exports, listings, many, studies, tracking, trips
+from scp_planner.cli import listings, made, many, studies, trips
 from scp_planner.cli.application import ExitCode, add_command, app, main, study_app
 
 __all__ = ["ExitCode", "app", "main"]
@@ -27,7 +27,7 @@ add_command(
 add_command(
     app,
     "check",
-    checks.check,
+    made.check,
     "scp-planner check crossing.yaml plan.json",
     "scp-planner check crossing.yaml plan.json mine.csv theirs.csv --slack 0.02",
 )
@@ -56,11 +56,11 @@ app.add_typer(study_app)
 add_command(study_app, "consistency", studies.consistency, "scp-planner study consistency --quick -o consistency")
 add_command(study_app, "coverage", studies.coverage, "scp-planner study coverage --runs 2000 -o coverage")
 add_command(app, "fit-motion", studies.fit_motion, "scp-planner fit-motion tracks.csv -o people.yaml")
-add_command(app, "fit-tracking", tracking.fit_tracking, "scp-planner fit-tracking drives.csv --probability 0.95")
+add_command(app, "fit-tracking", studies.fit_tracking, "scp-planner fit-tracking drives.csv --probability 0.95")
 add_command(
     app,
     "export",
-    exports.export,
+    made.export,
     "scp-planner export plan.json -o plan.csv",
     "scp-planner export plan.json -o plan.mcap --frame odom",
 )

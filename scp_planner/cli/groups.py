@@ -5,10 +5,10 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_type_hints
 
-from scp_planner.batch.jobs import PlanningMethod
+from scp_planner.batch.jobs import Options, PlanningMethod
 from scp_planner.cli.options import (
     Assignments,
     Json,
@@ -23,6 +23,7 @@ from scp_planner.cli.options import (
     check_time_limit,
     keyword_settings,
 )
+from scp_planner.settings.planning import Settings
 
 R = TypeVar("R")
 
@@ -47,6 +48,11 @@ class PlanOptions:
         """Refuse a solver that is not there, and a limit in which nothing can be done."""
         check_solver(self.solver, self.method)
         check_time_limit(self.time_limit)
+
+    @property
+    def options(self) -> Options:
+        """What is given to the planner."""
+        return Options(self.method, replace(Settings(), **self.values), self.time_limit, self.samples)
 
     @property
     def values(self) -> dict[str, Any]:

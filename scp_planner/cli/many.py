@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,7 +26,7 @@ from scp_planner.cli.options import (
     check_target,
     load_scenario,
 )
-from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
+from scp_planner.cli.output import progress_bar, report, start_logging, tabulate, tell
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -101,12 +101,9 @@ def batch(
     check_folder("--plans", plans)
     if not folder.is_dir():
         raise bad_option("DIR", folder, "must be a folder")
-    from scp_planner.batch import jobs
     from scp_planner.batch.runner import scenario_files
-    from scp_planner.settings.planning import Settings
 
-    settings = replace(Settings(), **planning.values)
-    options = jobs.Options(planning.method, settings, planning.time_limit, planning.samples)
+    options = planning.options
     try:
         files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
     except ValueError as error:
@@ -215,11 +212,9 @@ def compare(
         from scp_planner.studies.figures import plot_comparison
 
         plot_comparison(trials, plot)
-    if printing.as_json:
-        records = [comparison.trial_record(trial) for trial in trials]
-        print_json({"summary": [asdict(row) for row in comparison.summaries(trials)], "trials": records})
-    elif not printing.quiet:
-        typer.echo(comparison.summary_table(trials))
+    records = [comparison.trial_record(trial) for trial in trials]
+    summary = [asdict(row) for row in comparison.summaries(trials)]
+    tabulate({"summary": summary, "trials": records}, comparison.summary_table(trials), printing)
     certified = {trial.scenario for trial in trials if trial.certified}
     missing = [scenario.name for scenario in scenarios if scenario.name not in certified]
     if missing:

@@ -231,10 +231,10 @@ def check_time_limit(limit: float | None) -> None:
         raise bad_option("--time-limit", limit, "must be a finite number of seconds greater than 0")
 
 
-def check_probability(probability: float) -> None:
+def check_probability(option: str, value: float | None) -> None:
     """Refuse what is no probability, and the two that mean nothing."""
-    if not 0.0 < probability < 1.0:
-        raise bad_option("--probability", probability, "must be between 0 and 1")
+    if value is not None and not 0.0 < value < 1.0:
+        raise bad_option(option, value, "must be between 0 and 1")
 
 
 def check_target(option: str, target: Path | None, source: str | Path = "") -> None:

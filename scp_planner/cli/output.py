@@ -74,6 +74,14 @@ def report(summary: dict[str, Any], printing: Printing) -> None:
                 typer.echo(f"{key.replace('_', ' ') + ':':<24} {_shown(value)} {unit}".rstrip())
 
 
+def tabulate(data: Any, table: str, printing: Printing) -> None:
+    """Print figures on stdout: as JSON, or the table of them."""
+    if printing.as_json:
+        print_json(data)
+    elif not printing.quiet:
+        typer.echo(table)
+
+
 @contextmanager
 def waiting(what: str, quiet: bool, patience: float = 1.0) -> Iterator[None]:
     """Show on stderr, if that is a terminal, that something is being done that takes longer than some seconds."""

@@ -1,7 +1,8 @@
-"""Commands that measure: study consistency, study coverage, fit-motion."""
+"""Commands that measure: study consistency, study coverage, fit-motion, fit-tracking."""
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 from dataclasses import asdict, dataclass, replace
@@ -13,7 +14,9 @@ import typer
 from scp_planner.cli import pictures
 from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import (
+    Json,
     NoiseSeed,
+    Quiet,
     Workers,
     at_least,
     bad_option,
@@ -22,11 +25,11 @@ from scp_planner.cli.options import (
     check_target,
     motion_model,
 )
-from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
+from scp_planner.cli.output import progress_bar, report, start_logging, tabulate, tell
+from scp_planner.errors import MISSING, Fault, TracksError
 
 if TYPE_CHECKING:
     from scp_planner.studies.coverage import Coverage
-    from scp_planner.tracking.tracks import Tracks
 
 CONSISTENCY_FIGURES = ("consistency.png", "border.png")
 CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
@@ -77,10 +80,7 @@ def consistency(
         plot_consistency(result, figures[0])
         plot_border(border(), figures[1])
         written += figures
-    if printing.as_json:
-        print_json({"slopes": [asdict(slope) for slope in result.slopes]})
-    elif not printing.quiet:
-        typer.echo(result.table())
+    tabulate({"slopes": [asdict(slope) for slope in result.slopes]}, result.table(), printing)
     _tell_written(written, printing)
 
 
@@ -113,14 +113,15 @@ def coverage(
     """
     start_logging(printing)
     check_folder("--output", output, *COVERAGE_FILES)
-    check_probability(probability)
+    check_probability("--probability", probability)
     if model is not None:
         _coverage_of_model(model, tracks or [], probability, output, printing)
         return
     from scp_planner.studies import coverage as simulated
     from scp_planner.studies import recorded
+    from scp_planner.tracking.tracks import Tracks
 
-    loaded = _load_tracks(tracks or [])
+    loaded = [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in tracks or ()]
     results = _simulated(probability, runs, seed, printing.quiet)
     output.mkdir(exist_ok=True)
     simulated.save_csv(results, output / "coverage.csv")
@@ -140,10 +141,7 @@ def coverage(
         written.append(output / "recorded.csv")
         tables.append(recorded.summary(measured))
         records["recorded"] = [asdict(row) for row in measured]
-    if printing.as_json:
-        print_json(records)
-    elif not printing.quiet:
-        typer.echo("\n\n".join(tables))
+    tabulate(records, "\n\n".join(tables), printing)
     _tell_written(written, printing)
 
 
@@ -173,10 +171,7 @@ def _coverage_of_model(model: str, tracks: list[Path], probability: float, outpu
     measured = recorded.measure_model(Tracks.joined(tracks), process, data=name, name=name, probability=probability)
     output.mkdir(exist_ok=True)
     recorded.save_csv(measured, output / "recorded.csv")
-    if printing.as_json:
-        print_json({"recorded": [asdict(row) for row in measured]})
-    elif not printing.quiet:
-        typer.echo(recorded.summary(measured))
+    tabulate({"recorded": [asdict(row) for row in measured]}, recorded.summary(measured), printing)
     _tell_written([output / "recorded.csv"], printing)
 
 
@@ -209,8 +204,7 @@ class FitOptions:
 
     def check(self) -> None:
         """Refuse what is no probability, and a noise that is none."""
-        if self.conformal is not None and not 0.0 < self.conformal < 1.0:
-            raise bad_option("--conformal", self.conformal, "must be between 0 and 1")
+        check_probability("--conformal", self.conformal)
         if self.noise is not None and not 0.0 < self.noise < math.inf:
             raise bad_option("--noise", self.noise, "must be a positive number")
 
@@ -260,13 +254,75 @@ def fit_motion(
     _tell_written([output], printing)
 
 
-def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
-    """Load recorded tracks, each with a short name."""
-    from scp_planner.tracking.tracks import Tracks
-
-    return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
-
-
 def _tell_written(files: list[Path], printing: Printing) -> None:
     if not printing.quiet:
         tell(f"wrote {', '.join(str(file) for file in files)}")
+
+
+# The command that calibrates what planners allow for from recorded drives: fit-tracking
+
+DRIVE_COLUMNS = ("drive", "speed", "curvature", "error")
+
+
+def fit_tracking(
+    drives: Annotated[
+        Path, typer.Argument(metavar="DRIVES", help="CSV file with the columns drive, speed, curvature and error.")
+    ],
+    probability: Annotated[
+        float,
+        typer.Option("--probability", metavar="P", help="With which a whole new drive stays in the tube, at least."),
+    ] = 0.95,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate the tracking error from recorded drives.
+
+    The tube round a plan that the vehicle stays in, its radius growing with speed and lateral acceleration. In the file
+    speed (m/s) and curvature (1/m) are what was planned, error (m) is how far the vehicle was from there; rows of one
+    drive have the same text in the column drive.
+    """
+    check_probability("--probability", probability)
+    import numpy as np
+
+    from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
+
+    records = []
+    for rows in _drives(drives).values():
+        speed, curvature, error = np.array(rows).T
+        records.append(TrackingRecord(speed, speed**2 * np.abs(curvature), error))
+    tube = fit_tracking_tube(records, probability)
+    largest = float(tube.radius(tube.max_speed, tube.max_lateral))
+    report({**asdict(tube), "largest_radius": largest}, Printing(as_json, quiet))
+
+
+def _drives(path: Path) -> dict[str, list[list[float]]]:
+    """Read the planned speed and curvature and the error at each moment of each drive."""
+    drives: dict[str, list[list[float]]] = {}
+    faults: list[Fault] = []
+    with path.open(encoding="utf-8", newline="") as file:
+        table = csv.DictReader(file)
+        missing = [name for name in DRIVE_COLUMNS if name not in (table.fieldnames or ())]
+        if missing:
+            raise TracksError(
+                str(path), [Fault("line 1", missing[0], f"must have the columns {', '.join(DRIVE_COLUMNS)}")]
+            )
+        for row in table:
+            values = [_number(row[name]) for name in DRIVE_COLUMNS[1:]]
+            for name, value in zip(DRIVE_COLUMNS[1:], values, strict=True):
+                if not math.isfinite(value) or (value < 0.0 and name != "curvature"):
+                    least = "" if name == "curvature" else " of at least 0"
+                    place = f"line {table.line_num}, column {name}"
+                    faults.append(Fault(place, row[name] or MISSING, f"must be a finite number{least}"))
+            drives.setdefault(row["drive"], []).append(values)
+            if len(faults) >= 20:
+                break
+    if faults:
+        raise TracksError(str(path), faults)
+    return drives
+
+
+def _number(text: str | None) -> float:
+    try:
+        return math.nan if text is None else float(text)
+    except ValueError:
+        return math.nan

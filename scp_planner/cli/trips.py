@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.batch.jobs import PlanningMethod
+from scp_planner.batch.jobs import Options, planned
 from scp_planner.cli import commonroad, pictures, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import PlanOptions, Printing
@@ -52,14 +52,6 @@ class PictureOptions:
 
 
 @dataclass(frozen=True)
-class Values:
-    """Settings by name: of plans, and of the closed loop."""
-
-    planning: dict[str, Any]
-    driving: dict[str, Any]
-
-
-@dataclass(frozen=True)
 class DriveOptions:
     noise: Annotated[
         float | None,
@@ -84,8 +76,8 @@ class DriveOptions:
         check_number("--noise", self.noise, 0.0)
         check_number("--rate", self.rate, 1e-9)
 
-    def values(self) -> Values:
-        """Read the values of ``--set``."""
+    def values(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Settings by ``--set``: of plans, and of the closed loop."""
         from scp_planner.settings.knobs import knobs, parse_assignments
         from scp_planner.settings.online import OnlineSettings
         from scp_planner.settings.planning import Settings
@@ -94,7 +86,7 @@ class DriveOptions:
         if "period" in given:
             raise bad_option("--set", "period", "--rate gives the period")
         planning = {name: value for name, value in given.items() if name in knobs(Settings)}
-        return Values(planning, {name: value for name, value in given.items() if name not in planning})
+        return planning, {name: value for name, value in given.items() if name not in planning}
 
 
 def demo(
@@ -111,7 +103,7 @@ def demo(
     check_folder("--output", output, *DEMO_FILES)
     scenario, quiet = load_scenario(BUILT_IN + name), printing.quiet
     with waiting("planning", quiet):
-        made = _plan(scenario, PlanningMethod.SCP).bounded()
+        made = planned(scenario, Options()).bounded()
     run = _drive(scenario, DriveOptions(noise=0.1, rate=10.0), quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
@@ -148,13 +140,13 @@ def plan(
     check_target("--output", output, scenario_file)
     pictures.check_picture("--plot", picture.plot, scenario_file, view=picture.view)
     solution.check(scenario_file, planning.method)
-    values = planning.values
+    options = planning.options
     with waiting("planning", printing.quiet):
         if solution.file is None:
             scenario = load_scenario(scenario_file, motion)
-            made = _plan(scenario, planning.method, values, planning.time_limit)
+            made = planned(scenario, options)
         else:
-            answer = solution.planned(scenario_file, values, planning.time_limit)
+            answer = solution.planned(scenario_file, planning.values, planning.time_limit)
             scenario, made = answer.scenario, answer.plan
             solution.write(made, scenario_file, quiet=printing.quiet)
     if bound:
@@ -203,23 +195,6 @@ def simulate(
     _finish_run(scenario_file, run)
 
 
-def _plan(
-    scenario: Scenario, method: PlanningMethod, values: dict[str, object] | None = None, time_limit: float | None = None
-) -> Plan:
-    from scp_planner.settings.planning import Settings
-
-    settings = replace(Settings(), **(values or {}))  # type: ignore[arg-type]  # Settings checks them
-    match method:
-        case PlanningMethod.SCP:
-            from scp_planner.planning import offline
-
-            return offline.plan(scenario, settings, time_limit=time_limit)
-        case PlanningMethod.PENALTY_DESCENT:
-            from scp_planner.baseline.penalty_descent import penalty_descent
-
-            return penalty_descent(scenario, settings, time_limit=time_limit)
-
-
 def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
     from scp_planner.online.planner import SETTINGS
     from scp_planner.scenario.units import NaturalUnits
@@ -228,9 +203,9 @@ def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
     from scp_planner.simulation.loop import DEFAULTS, simulate
     from scp_planner.simulation.setup import Follower
 
-    given = drive.values()
+    planning, driving = drive.values()
     units = NaturalUnits.of(scenario)
-    online = replace(OnlineSettings(forget_after=DEFAULTS.forget_after * units.time), **given.driving)
+    online = replace(OnlineSettings(forget_after=DEFAULTS.forget_after * units.time), **driving)
     with progress_bar(None, "s", quiet, bar_format="driving: {n:.1f} s, {elapsed}") as bar:
 
         def advance(time: float) -> None:
@@ -241,7 +216,7 @@ def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
             drive.noise,
             drive.rate,
             drive.seed,
-            settings=with_given(SETTINGS, given.planning, units),
+            settings=with_given(SETTINGS, planning, units),
             online=online,
             follower=Follower(online.tracking_error, online.reaction_time),
             solver=drive.solver,

@@ -1,8 +1,10 @@
-"""The command that certifies what planners made: check."""
+"""Commands about what planners made: check, export."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,8 +14,18 @@ import typer
 from scp_planner.cli import commonroad, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import Printing
-from scp_planner.cli.options import MotionModel, ScenarioFile, check_number, load_scenario
-from scp_planner.cli.output import print_json, report, start_logging, tell
+from scp_planner.cli.options import (
+    MotionModel,
+    Quiet,
+    Samples,
+    ScenarioFile,
+    bad_option,
+    check_folder,
+    check_number,
+    check_target,
+    load_scenario,
+)
+from scp_planner.cli.output import report, start_logging, tabulate, tell
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import JSON_SUFFIX, text_table
 
@@ -21,8 +33,8 @@ if TYPE_CHECKING:
     from scp_planner.certificate.verdict import Certificate
     from scp_planner.planning.plan import Plan
     from scp_planner.scenario.models import Scenario
+    from scp_planner.simulation.run import Run
     from scp_planner.trips.samples import SampledTrajectory
-
 LIMIT_PREFIX = "max_"
 """Prefix of a vehicle's limits."""
 
@@ -65,7 +77,7 @@ def check(
     usual = cache(lambda: load_scenario(scenario_file, motion))
     if motion is not None:
         usual()  # What is wrong with the model is reported first
-    trips = [_load(file) for file in files]
+    trips = [_plan_or_samples(file) for file in files]
     driven = [commonroad.scenario_of(scenario_file, trip) or usual() for trip in trips]
     certificates = [
         certify(_widened(each, 1.0 + slack) if slack else each, trip) for each, trip in zip(driven, trips, strict=True)
@@ -73,10 +85,8 @@ def check(
     rows = [_summary(*one, 1.0 + slack) for one in zip(driven, files, trips, certificates, strict=True)]
     if len(rows) == 1:
         report(rows[0], printing)
-    elif printing.as_json:
-        print_json(rows)
-    elif not printing.quiet:
-        typer.echo(_table(rows))
+    else:
+        tabulate(rows, _table(rows), printing)
     for file, certificate in zip(files, certificates, strict=True):
         if not certificate.holds:
             tell(f"{file}: not certified: {'; '.join(map(str, certificate.violations))}")
@@ -84,7 +94,7 @@ def check(
         raise typer.Exit(ExitCode.NOT_CERTIFIED)
 
 
-def _load(file: Path) -> Plan | SampledTrajectory:
+def _plan_or_samples(file: Path) -> Plan | SampledTrajectory:
     """Read a plan file or a file of samples, whichever it is."""
     from scp_planner.planning.plan import Plan
     from scp_planner.trips.samples import SampledTrajectory
@@ -139,3 +149,71 @@ def _table(rows: list[dict[str, Any]]) -> str:
         for row in rows
     ]
     return text_table(heads, lines)
+
+
+# The command that writes plans and runs for other programs: export
+
+
+def export(
+    source: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file or run file (JSON).")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Write .csv or .npz: a table; .mcap, or a folder without suffix: messages for ROS 2."
+        ),
+    ],
+    samples: Samples = 200,
+    frame: Annotated[str, typer.Option("--frame", metavar="NAME", help="Frame of messages.")] = "map",
+    body: Annotated[str, typer.Option("--body", metavar="NAME", help="The vehicle in messages.")] = "base_link",
+    epoch: Annotated[
+        float, typer.Option("--epoch", metavar="S", help="ROS time at time 0 of the plan, for messages.")
+    ] = 0.0,
+    quiet: Quiet = False,
+) -> None:
+    """Write a plan or a run for other programs.
+
+    As a table with units in its columns' names, or as messages for ROS 2: nav_msgs/Path and
+    trajectory_msgs/MultiDOFJointTrajectory of a plan, nav_msgs/Odometry and nav_msgs/Path of a run.
+    """
+    from scp_planner.export import EXPORT_SUFFIXES
+    from scp_planner.planning.plan import Plan
+
+    start_logging(Printing(quiet=quiet))
+    suffix = output.suffix.lower()
+    if suffix not in (*EXPORT_SUFFIXES, ""):
+        raise bad_option("--output", output, f"must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix")
+    if suffix in ("", ".mcap") and importlib.util.find_spec("rosbags") is None:
+        raise bad_option("--output", output, "needs rosbags: pip install 'scp-planner[ros]'")
+    if suffix == "":
+        _check_bag(output)
+    else:
+        check_target("--output", output, source)
+    subject = _plan_or_run(source)
+    sampled = {"samples": samples} if isinstance(subject, Plan) else {}
+    try:
+        subject.export(output, frame=frame, body=body, epoch=epoch, **sampled)
+    except ValueError as error:
+        raise bad_option("--epoch", epoch, str(error)) from None
+    if not quiet:
+        tell(f"wrote {output}")
+
+
+def _check_bag(folder: Path) -> None:
+    """Refuse a bag's folder that could not be written."""
+    from scp_planner.export.ros import is_bag
+
+    if os.path.lexists(folder) and not is_bag(folder):
+        raise bad_option("--output", folder, "exists already, and is no bag of this kind, which would be replaced")
+    check_folder("--output", folder)
+
+
+def _plan_or_run(source: Path) -> Plan | Run:
+    """Read a plan file or a run file, whichever it is."""
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
+
+    try:
+        data = json.loads(source.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise PlanError(str(source), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+    return Run.load(source) if isinstance(data, dict) and "course" in data else Plan.load(source)
