@@ -29,7 +29,7 @@ class PlanningMethod(StrEnum):
 
 @dataclass(frozen=True)
 class Options:
-    """How to plan."""
+    """Choices of how to plan."""
 
     method: PlanningMethod = PlanningMethod.SCP
     settings: Settings = field(default_factory=Settings)

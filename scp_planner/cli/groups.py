@@ -51,7 +51,7 @@ class PlanOptions:
 
     @property
     def options(self) -> Options:
-        """What is given to the planner."""
+        """Options of the planner."""
         return Options(self.method, replace(Settings(), **self.values), self.time_limit, self.samples)
 
     @property
