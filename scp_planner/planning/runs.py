@@ -186,7 +186,7 @@ class CheckedRuns:
     def _on_its_step(self, trajectory: Trajectory) -> ScpRun:
         """Go on from a trip to one that arrives on the next step of time."""
         assert self.task.steps is not None
-        limit = EarliestArrival(self.task.steps.after(trajectory.travel_time), self.problem.step_size)
+        limit = EarliestArrival(self.problem, self.task.steps.after(trajectory.travel_time))
         problem = replace(self.problem, constraints=(*self.problem.constraints, limit))
         return self._checked(problem, self._loop(problem), trajectory, np.inf, None)
 

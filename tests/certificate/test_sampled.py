@@ -332,29 +332,19 @@ def test_windows_of_arrival_are_kept_to_a_share_of_the_travel_time(speed: float,
             assert names <= {key.replace("_", " ")}
 
 
-def test_leaving_the_workspace_between_samples_is_refused() -> None:
+@pytest.mark.parametrize(("room", "holds"), [(1e-4, True), (-1e-5, False)])
+def test_workspace_corridors_and_walls_are_kept_between_samples(room: float, holds: bool) -> None:
     """A swing of the way to the left and back, between samples on the line."""
     time, position = [0.0, 4.0, 8.0], [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]
     samples = sp.SampledTrajectory(time, position, [0.6, -0.6, 0.6], [2.5, 2.5, 2.5])
-    top = float(reference(samples)(dense_times(samples))[:, 1].max())
-    low = float(reference(samples)(dense_times(samples))[:, 1].min())
-    for room, holds in ((1e-5, True), (-1e-5, False)):
-        bounds = {"min": [-1.0, low - 0.3 - room], "max": [21.0, top + 0.3 + room]}
-        certificate = sp.certify(wide_open(samples, bounds=bounds), samples)
-        assert certificate.holds is holds
-        assert holds or {violation.what for violation in certificate.violations} == {"workspace bounds"}
-
-
-def test_corridors_and_walls_are_kept_between_samples() -> None:
-    time, position = [0.0, 4.0, 8.0], [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]
-    samples = sp.SampledTrajectory(time, position, [0.6, -0.6, 0.6], [2.5, 2.5, 2.5])
-    top = float(reference(samples)(dense_times(samples))[:, 1].max())
-    for room, holds in ((1e-4, True), (-1e-4, False)):
-        high = top + 0.3 + room
-        corridor = [[[-2.0, -5.0], [22.0, -5.0], [22.0, high], [-2.0, high]]]
-        assert sp.certify(wide_open(samples, corridor=corridor), samples).holds is holds
-        wall = [[[2.0, high], [8.0, high], [8.0, high + 1.0], [2.0, high + 1.0]]]
-        assert sp.certify(wide_open(samples, walls=wall), samples).holds is holds
+    across = reference(samples)(dense_times(samples))[:, 1]
+    low, high = float(across.min()) - 0.3 - room, float(across.max()) + 0.3 + room
+    box = sp.certify(wide_open(samples, bounds={"min": [-1.0, low], "max": [21.0, high]}), samples)
+    assert {violation.what for violation in box.violations} == (set() if holds else {"workspace bounds"})
+    corridor = [[[-2.0, -5.0], [22.0, -5.0], [22.0, high], [-2.0, high]]]
+    assert sp.certify(wide_open(samples, corridor=corridor), samples).holds is holds
+    wall = [[[2.0, high], [8.0, high], [8.0, high + 1.0], [2.0, high + 1.0]]]
+    assert sp.certify(wide_open(samples, walls=wall), samples).holds is holds
 
 
 @pytest.mark.parametrize(("ahead", "holds"), [(1.5, True), (2.4, False), (30.0, False)])
