@@ -46,8 +46,8 @@ from scp_planner.settings.online import Regions, SceneNewcomers, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, given_zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import marginal_scale, outside_probability
-from scp_planner.tracking.foretelling import foretell
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
 
 logger = logging.getLogger(__name__)
@@ -334,8 +334,7 @@ class ObstacleTracks:
 
     def _alone(self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool) -> list[ThreatZone]:
         """Zones of tracks, each from an estimate of its own."""
-        estimates = [self._estimate(track) for track in tracks]
-        foretell(estimates, start, HORIZON)
+        estimates = predicted_together([self._estimate(track) for track in tracks])
         made = [self._computed(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
         if self.sizes is None:
             return made

@@ -179,13 +179,10 @@ def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> d
     unknown = [k for k in some if scenario.obstacles[k].motion is None]
     if not unknown:
         return {}
-    from scp_planner.tracking.foretelling import foretell
-    from scp_planner.tracking.several import estimate_together
+    from scp_planner.tracking.estimate import estimate_obstacles
 
-    found = estimate_together([scenario.obstacles[k] for k in unknown], go_on)
-    estimates = dict(zip(unknown, found, strict=True))
-    foretell(estimates.values(), scenario.start.time, HORIZON)
-    return estimates
+    found = estimate_obstacles([scenario.obstacles[k] for k in unknown], go_on)
+    return dict(zip(unknown, found, strict=True))
 
 
 def _zones(

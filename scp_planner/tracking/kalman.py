@@ -1,27 +1,46 @@
-"""A Kalman filter of many obstacles at once, each at its own times."""
+"""Kalman filters of many obstacles that follow one model, each at its own times."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array
-from scp_planner.tracking.dynamics import Dynamics
+from scp_planner.arrays import Array, Index
+from scp_planner.errors import EstimationError
+from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.tracking.dynamics import Dynamics, dynamics_of
+from scp_planner.tracking.observations import CheckedObservations, Screening, check_observations
+from scp_planner.tracking.process_estimate import ProcessEstimate
 
 
 @dataclass
 class FilterState:
     """State of a Kalman filter for N obstacles."""
 
-    times: Array
-    mean: Array  # Expected states; the last axis is x and y
-    covariance: Array
+    times: Array  # (N,) s
+    mean: Array  # (N, d, 2) Expected states
+    covariance: Array  # (N, 2 d, 2 d)
 
     def copy(self) -> FilterState:
         """Give a state that goes on by itself."""
         return FilterState(self.times.copy(), self.mean.copy(), self.covariance.copy())
+
+    def of(self, some: slice | Index) -> FilterState:
+        """State of some of the obstacles."""
+        return FilterState(self.times[some], self.mean[some], self.covariance[some])
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One observation of each of the first obstacles."""
+
+    times: Array  # (m,) s
+    positions: Array  # (m, 2) m
+    noise: Array  # (m, 2, 2) m^2
 
 
 def first_state(
@@ -62,7 +81,7 @@ def update_state(dynamics: Dynamics, state: FilterState, times: Array, positions
 def predict_state(dynamics: Dynamics, state: FilterState, times: Array) -> None:
     """Move the state of each obstacle on to a later time: (N,) s."""
     lag = times - state.times
-    f, q = dynamics.transition(lag), dynamics.process_noise(lag)
+    f, q = dynamics.transition(lag), dynamics.noise(lag)
     state.mean = f @ state.mean
     count, d = len(lag), dynamics.states
     # the same transition for x and y: (N, d, 2, d, 2)
@@ -75,3 +94,69 @@ def predict_state(dynamics: Dynamics, state: FilterState, times: Array) -> None:
     p[:, :, 1, :, 1] += q
     state.covariance = p.reshape(count, 2 * d, 2 * d)
     state.times = np.array(times, dtype=float)
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """States after all observations, and the log likelihood of all but the first of each."""
+
+    state: FilterState
+    log_likelihood: Array  # (N,)
+
+
+def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> Filtered:
+    """Filter observations; in each scan there may be fewer obstacles than in the one before."""
+    dynamics, rest = dynamics_of(model), iter(scans)
+    first = next(rest)
+    state = first_state(dynamics, model.velocity_deviation**2, first.times, first.positions, first.noise)
+    total = np.zeros(len(state.times))
+    for scan in rest:
+        some = slice(len(scan.times))
+        part = state.of(some)
+        total[some] += update_state(dynamics, part, scan.times, scan.positions, scan.noise)
+        state.times[some], state.mean[some], state.covariance[some] = part.times, part.mean, part.covariance
+    return Filtered(state, total)
+
+
+def own_noise(model: ProcessModel, count: int) -> Array:
+    """Covariances (N, 2, 2), m^2, of observations that come without one."""
+    return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
+
+
+def estimate_process(
+    times: ArrayLike, positions: ArrayLike, model: ProcessModel, covariance: ArrayLike | None = None
+) -> ProcessEstimate:
+    """Estimate a motion with process noise from observations, in any order of time."""
+    seen = check_observations(times, positions, covariance, Screening())
+    if not len(seen.times):
+        raise EstimationError("observations: there are none")
+    return estimate_processes(model, [seen])[0]
+
+
+def estimate_processes(model: ProcessModel, records: Sequence[CheckedObservations]) -> list[ProcessEstimate]:
+    """Estimate the motions of obstacles that follow one model, each from one observation at least."""
+    ranks = sorted(range(len(records)), key=lambda k: -len(records[k].times))
+    noises = [own_noise(model, 1)[0] if record.covariance is None else record.covariance for record in records]
+
+    def scans() -> Iterator[Scan]:
+        for i in range(len(records[ranks[0]].times)):
+            left = [k for k in ranks if len(records[k].times) > i]
+            times, positions = np.array([records[k].times[i] for k in left]), [records[k].positions[i] for k in left]
+            noise = [noises[k] if noises[k].ndim == 2 else noises[k][i] for k in left]
+            yield Scan(times, np.array(positions), np.array(noise))
+
+    state, dynamics = run_filter(model, scans()).state, dynamics_of(model)
+    place = np.argsort(ranks)
+    return [
+        ProcessEstimate(
+            reference_time=float(record.times[-1]),
+            observations=len(record.times),
+            noise_covariance=noise if noise.ndim == 2 else noise.mean(axis=0),
+            dynamics=dynamics,
+            mean=state.mean[k],
+            state_covariance=state.covariance[k],
+            tails=model.tails,
+            rejected=record.rejected,
+        )
+        for k, record, noise in zip(place, records, noises, strict=True)
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -194,12 +194,24 @@ class PolynomialEstimate(MotionEstimate):
         if self.order == 0 or start == stop:
             return 0.0
         if (start, stop) not in self._lengths:
-            self.keep((start, stop), float(lengths_together([self], start, stop)[0]))
+            self._lengths[start, stop] = self._length(start, stop)
         return self._lengths[start, stop]
 
-    def keep(self, asked: tuple[float, float], length: float) -> None:
-        """Keep the standardised length over a span of time from start to stop, s."""
-        self._lengths[asked] = length
+    def _length(self, start: float, stop: float) -> float:
+        # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
+        # standardising removes. So infinite times are as good as any other.
+        begin, end = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
+
+        def speeds(angles: Array) -> Array:
+            products = row_products(*_turning_rows(self.order, angles))
+            error, cross, rate = error_blocks(products, self.coefficient_covariance[None])
+            if self.regressors is None:
+                return standardised_speed(error, cross, rate)
+            # the covariance is a spread (p, p) times a matrix that standardising removes
+            error, cross, rate = (one[..., 0, 0] for one in (error, cross, rate))
+            return np.asarray(np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error)
+
+        return float(integrate(speeds, begin, end)[0])
 
     def _rows(self, t: ArrayLike, derivative: int = 0) -> Array:
         """Give the derivative in time of the powers of s: t (...), s, to (..., p)."""
@@ -208,25 +220,6 @@ class PolynomialEstimate(MotionEstimate):
         for k in range(derivative, self.order + 1):
             rows[..., k] = math.perm(k, derivative) / self.time_scale**derivative * s ** (k - derivative)
         return rows
-
-
-def lengths_together(estimates: Sequence[PolynomialEstimate], start: float, stop: float) -> Array:
-    """Standardised lengths of polynomial motions of one order, in powers of the same times: (n,)."""
-    first = estimates[0]
-    order, of_regressions = first.order, first.regressors is not None
-    covariance = np.stack([one.coefficient_covariance for one in estimates])
-    # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
-    # standardising removes. So infinite times are as good as any other.
-    begin, end = (math.atan((t - first.center_time) / first.time_scale) for t in (start, stop))
-
-    def speeds(angles: Array) -> Array:
-        error, cross, rate = error_blocks(row_products(*_turning_rows(order, angles)), covariance)
-        if of_regressions:  # the covariance is a spread (p, p) times a matrix that standardising removes
-            error, cross, rate = (one[..., 0, 0] for one in (error, cross, rate))
-            return np.asarray(np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error)
-        return standardised_speed(error, cross, rate)
-
-    return integrate(speeds, begin, end)
 
 
 def row_products(rows: Array, slopes: Array) -> Array:

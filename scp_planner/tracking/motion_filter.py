@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,18 +12,9 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import dynamics_of
-from scp_planner.tracking.filter_tree import state_after
 from scp_planner.tracking.kalman import FilterState, first_state, update_state
-from scp_planner.tracking.observations import (
-    Outliers,
-    Screening,
-    check_covariance,
-    check_observations,
-    usable,
-)
+from scp_planner.tracking.observations import check_covariance, usable
 from scp_planner.tracking.process_estimate import ProcessEstimate
-
-FEW = 64  # observations of a history, that are taken in one by one; more are put together at once
 
 
 class MotionFilter:
@@ -95,13 +85,6 @@ class MotionFilter:
         self._count += used
         return used
 
-    def take_in(self, times: Array, positions: Array, noise: Array) -> None:
-        """Take in many observations of each obstacle at once, after its first one; none of them is gated."""
-        self._state = state_after(self._dynamics, self._state, times, positions, noise)
-        self._newest = positions[-1].copy()
-        self._noise_sum += noise.sum(axis=0)
-        self._count += len(times)
-
     def estimate(self, obstacle: int = 0) -> ProcessEstimate:
         """Give the estimate of one obstacle as of its last observation."""
         k = obstacle
@@ -149,33 +132,3 @@ class MotionFilter:
             distance = float(offset @ np.linalg.solve(estimate.covariance(t[k]) + noise[k], offset))
             inside[k] = estimate.errors.exceedance(distance) >= (self.gate_probability or 0.0)
         return inside
-
-
-def estimate_process(
-    times: ArrayLike,
-    positions: ArrayLike,
-    model: ProcessModel,
-    covariance: ArrayLike | None = None,
-    screening: Screening | None = None,
-) -> ProcessEstimate:
-    """Estimate a motion with process noise from observations, in any order of time."""
-    screening = screening or Screening()
-    if screening.outliers is Outliers.HUBER:
-        raise EstimationError("outliers: a motion with process noise can keep or gate them, not weigh them")
-    seen = check_observations(times, positions, covariance, screening)
-    if not len(seen.times):
-        raise EstimationError("observations: there are none")
-    gate = screening.gate_probability / len(seen.times) if screening.outliers is Outliers.GATE else None
-    tracker = MotionFilter(model, gate_probability=gate)
-    sigma = model.noise_deviation**2 * np.eye(2) if seen.covariance is None else seen.covariance
-    rejected = list(seen.rejected)
-    noise = np.broadcast_to(sigma, (len(seen.times), 2, 2))
-    one_by_one = len(seen.times) if gate is not None or len(seen.times) <= FEW else 1
-    rejected += [
-        int(seen.rows[i])
-        for i in range(one_by_one)
-        if not tracker.update(seen.times[i], seen.positions[i : i + 1], noise[i]).all()
-    ]
-    if one_by_one < len(seen.times):
-        tracker.take_in(seen.times[1:, None], seen.positions[1:, None], noise[1:, None])
-    return replace(tracker.estimate(), rejected=tuple(sorted(rejected)))

@@ -1,23 +1,175 @@
-"""Prediction of a motion with process noise, with the interface of every motion estimate."""
+"""Predicted motions with process noise, of one obstacle or of many that follow one model."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import Tails
-from scp_planner.tracking.dynamics import Dynamics, WhiteJerk
+from scp_planner.tracking.dynamics import Dynamics, Integrator
 from scp_planner.tracking.error_laws import ErrorLaw, NormalErrors, StudentErrors
-from scp_planner.tracking.kalman import FilterState, predict_state
-from scp_planner.tracking.motion_estimate import MotionEstimate, MotionPolynomials, check_span
-from scp_planner.tracking.process_spans import ProcessSpans
+from scp_planner.tracking.motion_estimate import (
+    POLYNOMIAL_TERMS,
+    MotionEstimate,
+    MotionPolynomials,
+    check_span,
+    error_blocks,
+    integrate,
+    row_products,
+    standardised_speed,
+)
 from scp_planner.tracking.tolerances import TIME_TOLERANCE
+
+
+@dataclass(frozen=True)
+class PieceSettings:
+    """Precision of piecewise polynomials of a prediction that is none."""
+
+    center_tolerance: float = 1e-3  # m, of the predicted centre
+    covariance_tolerance: float = 1e-3  # relative, by which a covariance may be exceeded
+    most_halvings: int = 12
+    halved: int = 7  # pieces that are tried first, each twice as long as the one before
+    checks: int = 21  # points of a piece at which its error is measured
+
+
+PIECES = PieceSettings()
+_EXPONENTS = np.arange(POLYNOMIAL_TERMS)
+_NODES = 0.5 - 0.5 * np.cos(np.pi * _EXPONENTS / (POLYNOMIAL_TERMS - 1))  # Chebyshev-Lobatto: neighbours meet
+_BETWEEN = np.linspace(0.0, 1.0, PIECES.checks)
+_POWERS = _BETWEEN[:, None] ** _EXPONENTS
+_SOLVE = np.linalg.inv(_NODES[:, None] ** _EXPONENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Motions of n obstacles that follow one model, after lead times since their last observations."""
+
+    dynamics: Dynamics
+    tails: Tails | None
+    mean: Array  # (n, d, 2) expected states at lead time 0
+    covariance: Array  # (n, 2 d, 2 d)
+    _kept: dict[tuple[float, float], list[MotionPolynomials]] = field(default_factory=dict, init=False)
+    _lengths: dict[tuple[float, float], Array] = field(default_factory=dict, init=False)
+
+    def _of(self, some: Array) -> Predictions:
+        return Predictions(self.dynamics, self.tails, self.mean[some], self.covariance[some])
+
+    def centers(self, lead: Array) -> Array:
+        """Predicted centres after lead times (...), s: (n, ..., 2) m."""
+        rows = self.dynamics.transition(lead.ravel())[:, 0]
+        return (rows @ self.mean).reshape(-1, *lead.shape, 2)
+
+    def covariances(self, lead: Array) -> Array:
+        """Covariances of their errors after lead times (...), s: (n, ..., 2, 2) m^2."""
+        errors = self._rates(lead.ravel())[0].reshape(-1, *lead.shape, 2, 2)
+        return self._inflation(lead)[..., None, None] * errors
+
+    def lengths(self, first: float, last: float) -> Array:
+        """Path length of each standardised error between two lead times, s: (n,)."""
+        if (first, last) not in self._lengths:
+            # errors turn on the scale of the time that the velocity needs to blur the position; then ever more slowly
+            found, p = np.zeros(len(self.mean)), self.covariance
+            scales = np.sqrt((p[:, 0, 0] + p[:, 1, 1]) / (p[:, 2, 2] + p[:, 3, 3]))
+            scales = np.exp2(np.round(np.log2(scales)))  # so that many share one
+            for scale in np.unique(scales).tolist() if first < last else ():
+                alike = np.flatnonzero(scales == scale)
+                found[alike] = self._of(alike).integrals(first, last, scale)
+            self._lengths[first, last] = found
+        return self._lengths[first, last]
+
+    def pieces(self, first: float, last: float) -> list[MotionPolynomials]:
+        """Centres and covariances over lead times, s: exact for integrated noise, else within tolerances."""
+        if (first, last) not in self._kept:
+            bends = () if self.tails is None else self.tails.lead_time
+            leads = np.array([first, *(lead for lead in bends if first < lead < last), last])
+            if isinstance(self.dynamics, Integrator):
+                self._kept[first, last] = self._expanded(leads, self.dynamics)
+            else:  # hard to follow at first, easy later
+                halved = first + (last - first) * 0.5 ** np.arange(PIECES.halved, 0, -1)
+                self._kept[first, last] = self._refined(np.unique(np.concatenate([leads, halved])))
+        return self._kept[first, last]
+
+    def _inflation(self, lead: Array) -> Array:
+        if self.tails is None:
+            return np.ones_like(lead)
+        return np.asarray(np.interp(lead, self.tails.lead_time, self.tails.inflation))
+
+    def _rates(self, lead: Array) -> tuple[Array, Array, Array]:
+        """Covariances of the errors, of them with their rates, and of these, all before inflation."""
+        d, f, q = self.dynamics.states, self.dynamics.transition(lead), self.dynamics.noise(lead)
+        blocks = error_blocks(row_products(f[:, 0], f[:, 1]), self.covariance.reshape(-1, d, 2, d, 2))
+        for block, more in zip(blocks, (q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]), strict=True):
+            block[..., [0, 1], [0, 1]] += more[:, None]
+        return blocks
+
+    def integrals(self, first: float, last: float, scale: float) -> Array:
+        """Lengths by an integral over the logarithm of the time in units of a scale, s."""
+
+        def speeds(u: Array) -> Array:
+            return scale * np.exp(u) * standardised_speed(*self._rates(scale * np.expm1(u)))
+
+        return integrate(speeds, math.log1p(first / scale), math.log1p(last / scale))
+
+    def _expanded(self, leads: Array, dynamics: Integrator) -> list[MotionPolynomials]:
+        """Taylor's expansion between leads (S + 1,), s."""
+        d, n, begins = dynamics.states, len(self.mean), leads[:-1]
+        f, factorials = dynamics.transition(begins), np.array([math.factorial(k) for k in range(d)])
+        center = (f @ self.mean[:, None]) / factorials[:, None]
+        states = self.covariance.reshape(n, d, 2, d, 2)
+        grown = np.einsum("sij,njakb,slk->nsilab", f, states, f, optimize=True)
+        grown += dynamics.noise(begins)[..., None, None] * np.eye(2)
+        grown /= np.outer(factorials, factorials)[..., None, None]
+        covariance = np.zeros((n, len(begins), 2 * d + 1, 3))
+        for i in range(d):
+            for j in range(d):
+                block = grown[:, :, i, j]
+                covariance[:, :, i + j] += 0.5 * (block + np.swapaxes(block, 2, 3))[..., [0, 0, 1], [0, 1, 1]]
+        covariance[:, :, 2 * d - 1, [0, 2]] += dynamics.noise(np.array(1.0))[0, 0]
+        inflation = self._inflation(leads)
+        product = inflation[:-1, None, None] * covariance
+        product[:, :, 1:] += (np.diff(inflation) / np.diff(leads))[:, None, None] * covariance[:, :, :-1]
+        product = product[:, :, : 2 * d if self.tails is None else None]
+        return [MotionPolynomials(leads, *each) for each in zip(center, product, strict=True)]
+
+    def _refined(self, leads: Array) -> list[MotionPolynomials]:
+        """Interpolate between leads (S + 1,), s; halve pieces that are off by too much, each motion by itself."""
+        fitted, missed = self.interpolated(leads)
+        for number in np.flatnonzero(missed.any(axis=1)):
+            single, own, off = self._of(np.array([number])), leads, missed[number]
+            for _ in range(PIECES.most_halvings):
+                own = np.sort(np.concatenate([own, 0.5 * (own[1:] + own[:-1])[off]]))
+                (fitted[number],), still = single.interpolated(own)
+                off = still[0]
+                if not off.any():
+                    break
+        return fitted
+
+    def interpolated(self, leads: Array) -> tuple[list[MotionPolynomials], Mask]:
+        """Interpolate between leads (S + 1,), s, and tell which pieces (n, S) are off by more than the tolerances."""
+        widths, k = np.diff(leads), len(_NODES)
+        lead = leads[:-1, None] + widths[:, None] * np.concatenate([_NODES, _BETWEEN])
+        centers, covariances = self.centers(lead), self.covariances(lead)[..., [0, 0, 1], [0, 1, 1]]
+        center, covariance = _SOLVE @ centers[:, :, :k], _SOLVE @ covariances[:, :, :k]
+        off = _POWERS @ center - centers[:, :, k:]
+        center_error = np.hypot(off[..., 0], off[..., 1]).max(axis=2)
+        xx, xy, yy = np.moveaxis(covariances[:, :, k:], -1, 0)
+        missed = np.abs(_POWERS @ covariance - covariances[:, :, k:])
+        # no direction's variance is off by more than the sum of what the entries are off by
+        missing = np.maximum(missed[..., 0], missed[..., 2]) + missed[..., 1]
+        covariance_error = (missing / (0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))).max(axis=2)
+        covariance = covariance * (1.0 + covariance_error.max(axis=1))[:, None, None, None]
+        scales = widths[:, None, None] ** _EXPONENTS[:, None]
+        worst = center_error.max(axis=1).tolist(), (2.0 * covariance_error.max(axis=1)).tolist()
+        each = zip(center / scales, covariance / scales, *worst, strict=True)
+        too_far = (center_error > PIECES.center_tolerance) | (covariance_error > PIECES.covariance_tolerance)
+        return [MotionPolynomials(leads, *one) for one in each], too_far
 
 
 @dataclass(frozen=True)
@@ -28,14 +180,12 @@ class ProcessEstimate(MotionEstimate):
     observations: int
     noise_covariance: Array
     dynamics: Dynamics
-    mean: Array  # Expected state at the reference time
-    state_covariance: Array
+    mean: Array  # (d, 2) Expected state at the reference time
+    state_covariance: Array  # (2 d, 2 d)
     tails: Tails | None = None
     rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
-    _known: dict[tuple[float, float], MotionPolynomials] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-    _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
+    shared: Predictions | None = field(default=None, repr=False, compare=False)  # with others
+    place: int = field(default=0, repr=False, compare=False)  # among those
 
     regressors = None
 
@@ -64,28 +214,24 @@ class ProcessEstimate(MotionEstimate):
         """Expected acceleration at the reference time: (2,) m/s^2."""
         return self.dynamics.acceleration(self.mean)
 
+    @cached_property
+    def _own(self) -> Predictions:
+        return Predictions(self.dynamics, self.tails, self.mean[None], self.state_covariance[None])
+
     def position(self, t: ArrayLike) -> Array:
         """Predicted centre at times t (...), s, not before the reference time: (..., 2) m."""
-        return self._center(self.lead(t))
+        return self._own.centers(self._lead(t))[0]
 
     def covariance(self, t: ArrayLike) -> Array:
         """Covariance of the error of the predicted centre at times t (...), s: (..., 2, 2) m^2."""
-        return self._covariance(self.lead(t))
+        return self._own.covariances(self._lead(t))[0]
 
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
-        """Centre and covariance over [start, stop], s: exact for a random walk, else within tolerances."""
+        """Centre and covariance over [start, stop], s: exact for integrated white noise, else within tolerances."""
         check_span(start, stop)
-        if (start, stop) not in self._known:  # zones and what compares predictions ask for the same
-            self._known[start, stop] = self._pieces(float(self.lead(start)), float(self.lead(stop)))
-        return self._known[start, stop]
-
-    def _pieces(self, first: float, last: float) -> MotionPolynomials:
-        """Centre and covariance over lead times, s."""
-        if isinstance(self.dynamics, WhiteJerk):
-            bends = () if self.tails is None else self.tails.lead_time
-            leads = np.array([first, *(lead for lead in bends if first < lead < last), last])
-            return self._expanded(leads, self.dynamics.diffusion)
-        return self._spans.pieces(first, last)[0]
+        several, span = self.shared or self._own, (float(self._lead(start)), float(self._lead(stop)))
+        found = several.pieces(*span)[self.place]
+        return replace(found, breakpoints=self.reference_time + found.breakpoints)
 
     def standardised_length(self, start: float, stop: float) -> float:
         """Path length of the standardised error over [start, stop], which must be finite."""
@@ -93,23 +239,11 @@ class ProcessEstimate(MotionEstimate):
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if not math.isfinite(stop):
             raise EstimationError(f"span of time: its stop {stop!r} must be finite for a motion with process noise")
-        if (start, stop) not in self._lengths:
-            self._lengths[start, stop] = float(self._spans.lengths(float(self.lead(start)), float(self.lead(stop)))[0])
-        return self._lengths[start, stop]
+        several = self.shared or self._own
+        return float(several.lengths(float(self._lead(start)), float(self._lead(stop)))[self.place])
 
-    @property
-    def _spans(self) -> ProcessSpans:
-        return spans_of([self])
-
-    def keep(self, asked: tuple[float, float], found: float | MotionPolynomials) -> None:
-        """Keep the standardised length over a span of time from start to stop, s, or the polynomials."""
-        if isinstance(found, MotionPolynomials):
-            self._known[asked] = found
-        else:
-            self._lengths[asked] = found
-
-    def lead(self, t: ArrayLike) -> Array:
-        """Times since the reference time, s: (...), of times t (...), s, which must not be before it."""
+    def _lead(self, t: ArrayLike) -> Array:
+        """Times since the reference time, s."""
         lead = np.asarray(t, dtype=float) - self.reference_time
         if np.any(lead < -TIME_TOLERANCE):
             worst = float(np.min(lead))
@@ -118,40 +252,17 @@ class ProcessEstimate(MotionEstimate):
             )
         return np.maximum(lead, 0.0)
 
-    def _center(self, lead: Array) -> Array:
-        return self.dynamics.transition(lead)[..., 0, :] @ self.mean
 
-    def _covariance(self, lead: Array) -> Array:
-        spans = self._spans
-        errors = spans.rates(lead.ravel())[0].reshape(*lead.shape, 2, 2)
-        return spans.inflation(lead)[..., None, None] * errors
-
-    def _expanded(self, leads: Array, diffusion: float) -> MotionPolynomials:
-        """Expand a constant acceleration with white jerk between leads (S + 1,), s: exact, of degree 6 at most."""
-        state = FilterState(
-            np.full(len(leads) - 1, self.reference_time),
-            np.repeat(self.mean[None], len(leads) - 1, axis=0),
-            np.repeat(self.state_covariance[None], len(leads) - 1, axis=0),
-        )
-        predict_state(self.dynamics, state, self.reference_time + leads[:-1])
-        center = state.mean / np.array([1.0, 1.0, 2.0])[:, None]
-        covariance = np.zeros((len(leads) - 1, 7, 3))
-        blocks = state.covariance.reshape(-1, 3, 2, 3, 2)
-        for i in range(3):
-            for j in range(3):
-                block = blocks[:, i, :, j] / (math.factorial(i) * math.factorial(j))
-                covariance[:, i + j] += 0.5 * (block + np.swapaxes(block, 1, 2))[:, [0, 0, 1], [0, 1, 1]]
-        covariance[:, 5] += diffusion / 20.0 * np.array([1.0, 0.0, 1.0])
-        inflation = self._spans.inflation(leads)
-        slopes = np.diff(inflation) / np.diff(leads)
-        grown = inflation[:-1, None, None] * covariance
-        grown[:, 1:] += slopes[:, None, None] * covariance[:, :-1]
-        return MotionPolynomials(self.reference_time + leads, center, grown[:, : 6 if self.tails is None else 7])
-
-
-def spans_of(estimates: Sequence[ProcessEstimate]) -> ProcessSpans:
-    """Take motions of the same model, from the same reference time on, together."""
-    first = estimates[0]
-    mean = np.stack([one.mean for one in estimates])
-    covariance = np.stack([one.state_covariance for one in estimates])
-    return ProcessSpans(first.dynamics, first.tails, first.reference_time, mean, covariance)
+def predicted_together(estimates: Sequence[MotionEstimate]) -> list[MotionEstimate]:
+    """Let motions of one model that were observed last at one time share what is computed for their zones."""
+    found, alike = list(estimates), dict[tuple[Dynamics, Tails | None, float], list[int]]()
+    for place, one in enumerate(estimates):
+        if isinstance(one, ProcessEstimate):
+            alike.setdefault((one.dynamics, one.tails, one.reference_time), []).append(place)
+    for (dynamics, tails, _), places in alike.items():
+        some = [one for place in places if isinstance(one := estimates[place], ProcessEstimate)]
+        mean, covariance = np.stack([one.mean for one in some]), np.stack([one.state_covariance for one in some])
+        shared = Predictions(dynamics, tails, mean, covariance)
+        for k, (place, one) in enumerate(zip(places, some, strict=True)):
+            found[place] = replace(one, shared=shared, place=k)
+    return found

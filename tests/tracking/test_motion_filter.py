@@ -19,10 +19,9 @@ from scp_planner.scenario.process_model import ProcessModel, Tails
 from scp_planner.tracking.confidence import region_scale
 from scp_planner.tracking.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.tracking.error_laws import NormalErrors, StudentErrors
-from scp_planner.tracking.motion_filter import MotionFilter, estimate_process
-from scp_planner.tracking.observations import Outliers, Screening
-from scp_planner.tracking.process_estimate import ProcessEstimate
-from scp_planner.tracking.process_spans import SPANS
+from scp_planner.tracking.kalman import estimate_process
+from scp_planner.tracking.motion_filter import MotionFilter
+from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate
 
 pytestmark = pytest.mark.numerics
 
@@ -101,7 +100,7 @@ def walk(rng: np.random.Generator, dynamics: Dynamics, times: np.ndarray, runs: 
     state = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.prior(1.3**2), runs)
     positions = [state[:, 0]]
     for lag in np.diff(times):
-        noise = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.process_noise(lag), runs)
+        noise = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.noise(lag), runs)
         state = state @ dynamics.transition(lag).T + noise
         positions.append(state[:, 0])
     return np.array(positions).T
@@ -125,9 +124,7 @@ def test_dynamics_are_those_of_their_differential_equations(lag: float, tau: flo
         transition = exponential[d:, d:].T
         assert dynamics.transition(np.array(lag)) == pytest.approx(transition, rel=1e-11, abs=1e-14)
         expected = transition @ exponential[:d, d:]
-        assert dynamics.process_noise(np.array(lag)) == pytest.approx(
-            expected, rel=1e-7, abs=5e-15 * np.abs(expected).max()
-        )
+        assert dynamics.noise(np.array(lag)) == pytest.approx(expected, rel=1e-7, abs=5e-15 * np.abs(expected).max())
 
 
 @KIND
@@ -188,8 +185,8 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
     pieces = seen.polynomials(start, stop)
     assert (pieces.breakpoints[0], pieces.breakpoints[-1]) == (start, stop)
     assert np.all(np.diff(pieces.breakpoints) > 0)
-    assert pieces.center_error <= SPANS.center_tolerance
-    assert pieces.covariance_error <= 2 * SPANS.covariance_tolerance
+    assert pieces.center_error <= PIECES.center_tolerance
+    assert pieces.covariance_error <= 2 * PIECES.covariance_tolerance
     if kind.startswith("random_walk"):
         assert (pieces.center_error, pieces.covariance_error) == (0.0, 0.0)
         assert len(pieces.center) == (1 if tails is None else 5)  # kinks of the inflation
@@ -319,17 +316,6 @@ class TestFilter:
             assert tracker.estimate(k).covariance(9.0) == pytest.approx(single.covariance(9.0), rel=1e-12)
             assert tracker.estimate(k).reference_time == single.reference_time == self.times[own][-1]
 
-    def test_gate_leaves_out_what_nothing_before_explains(self) -> None:
-        positions = 0.01 * self.positions[:, 1]
-        positions[5] += 30.0
-        rest = np.delete(np.arange(8), 5)
-        screening = Screening(outliers=Outliers.GATE, gate_probability=1e-5)
-        gated = estimate_process(self.times, positions, model(), screening=screening)
-        assert gated.rejected == (5,)
-        assert gated.position(5.0) == pytest.approx(
-            estimate_process(self.times[rest], positions[rest], model()).position(5.0)
-        )
-
     def test_refused_observations_change_nothing(self) -> None:
         tracker = MotionFilter(model(), 3)
         for i in range(7):
@@ -392,8 +378,6 @@ def test_the_past_and_the_far_future_are_not_for_it() -> None:
         single().standardised_length(2, 1)
     with pytest.raises(EstimationError, match="span of time"):
         single().polynomials(2, 1)
-    with pytest.raises(EstimationError, match="keep or gate them"):
-        estimate_process([0.0], [[0.0, 0.0]], model(), screening=Screening(outliers=Outliers.HUBER))
     with pytest.raises(EstimationError, match="there are none"):
         estimate_process([], np.zeros((0, 2)), model())
 

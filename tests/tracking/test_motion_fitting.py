@@ -12,7 +12,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import MeanRevertingVelocity, ProcessModel
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.error_laws import StudentErrors
-from scp_planner.tracking.motion_filter import estimate_process
+from scp_planner.tracking.kalman import estimate_process
 from scp_planner.tracking.motion_fitting import (
     PredictionErrors,
     bounds_met,
@@ -43,7 +43,7 @@ def simulated(kind: str, tracks: int, count: int, seed: int = 0) -> Tracks:
     state = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.prior(1.2**2), (tracks, 2))
     positions = [state[..., 0]]
     for lag in np.diff(times):
-        noise = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.process_noise(lag), (tracks, 2))
+        noise = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.noise(lag), (tracks, 2))
         state = state @ dynamics.transition(lag).T + noise
         positions.append(state[..., 0])
     seen: Array = np.array(positions).transpose(1, 0, 2) + 0.05 * rng.normal(size=(tracks, count, 2))
