@@ -40,7 +40,7 @@ class Scan:
 
     times: Array  # (m,) s
     positions: Array  # (m, 2) m
-    noise: Array  # (m, 2, 2) m^2
+    noise: Array | None = None  # (m, 2, 2) m^2; None: the model's own
 
 
 def first_state(
@@ -106,21 +106,19 @@ class Filtered:
 
 def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> Filtered:
     """Filter observations; in each scan there may be fewer obstacles than in the one before."""
-    dynamics, rest = dynamics_of(model), iter(scans)
-    first = next(rest)
-    state = first_state(dynamics, model.velocity_deviation**2, first.times, first.positions, first.noise)
-    total = np.zeros(len(state.times))
-    for scan in rest:
-        some = slice(len(scan.times))
-        part = state.of(some)
-        total[some] += update_state(dynamics, part, scan.times, scan.positions, scan.noise)
-        state.times[some], state.mean[some], state.covariance[some] = part.times, part.mean, part.covariance
+    dynamics, own, state, total = dynamics_of(model), model.noise_deviation**2 * np.eye(2), None, np.zeros(0)
+    for scan in scans:
+        count = len(scan.times)
+        noise = np.broadcast_to(own, (count, 2, 2)) if scan.noise is None else scan.noise
+        if state is None:
+            state = first_state(dynamics, model.velocity_deviation**2, scan.times, scan.positions, noise)
+            total = np.zeros(count)
+            continue
+        part = state.of(slice(count))
+        total[:count] += update_state(dynamics, part, scan.times, scan.positions, noise)
+        state.times[:count], state.mean[:count], state.covariance[:count] = part.times, part.mean, part.covariance
+    assert state is not None, "there is one scan at least"
     return Filtered(state, total)
-
-
-def own_noise(model: ProcessModel, count: int) -> Array:
-    """Covariances (N, 2, 2), m^2, of observations that come without one."""
-    return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
 
 
 def estimate_process(
@@ -136,7 +134,8 @@ def estimate_process(
 def estimate_processes(model: ProcessModel, records: Sequence[CheckedObservations]) -> list[ProcessEstimate]:
     """Estimate the motions of obstacles that follow one model, each from one observation at least."""
     ranks = sorted(range(len(records)), key=lambda k: -len(records[k].times))
-    noises = [own_noise(model, 1)[0] if record.covariance is None else record.covariance for record in records]
+    own = model.noise_deviation**2 * np.eye(2)
+    noises = [own if record.covariance is None else record.covariance for record in records]
 
     def scans() -> Iterator[Scan]:
         for i in range(len(records[ranks[0]].times)):

@@ -15,9 +15,8 @@ from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 from scp_planner.tracking.conformal import conformal_quantile
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.error_laws import StudentErrors
-from scp_planner.tracking.kalman import FilterState, first_state, predict_state, update_state
+from scp_planner.tracking.kalman import Scan, predict_state, run_filter
 from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.track_units import step_lengths, unit_of, usual_parameters
 from scp_planner.tracking.tracks import Tracks
 
 
@@ -38,6 +37,11 @@ class FitSettings:
     matched: int = 0  # which of them exactly, for each lead time
     most_spread: float = 0.7  # standard deviation of a log quantile that is believed
     degrees: tuple[float, float] = (1.0, 200.0)  # of freedom: bounds
+    # m and s between two positions of people, in whose units parameters are near 1
+    usual_step: float = 0.5
+    usual_lag: float = 0.4
+    usual_noise: float = 0.1  # of the usual distance between positions
+    unit_bits: int = 8  # a unit is 1, or 2^8 as large or small, and so on: how often people were seen does not matter
 
 
 FIT = FitSettings()
@@ -113,7 +117,23 @@ def fit_motion_model(
 
 def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
     """Give the log likelihood of the tracks, each given its first position; long ones are cut in pieces."""
-    return _log_likelihood(_pieces(tracks), model)
+    return float(run_filter(model, _scans(tracks)).log_likelihood.sum())
+
+
+def _scans(tracks: Tracks) -> list[Scan]:
+    """Positions of all tracks, one each at a time; those of the longest tracks first."""
+    pieces: list[Track] = []
+    for track in tracks:
+        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / FIT.longest_piece))
+        pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
+    if not pieces:
+        raise EstimationError("tracks: none has more than one position")
+    pieces.sort(key=len, reverse=True)
+    left = [[piece for piece in pieces if len(piece) > i] for i in range(len(pieces[0]))]
+    return [
+        Scan(np.array([one.times[i] for one in some]), np.array([one.positions[i] for one in some]))
+        for i, some in enumerate(left)
+    ]
 
 
 @dataclass(frozen=True)
@@ -122,7 +142,6 @@ class PredictionErrors:
 
     lead_time: float
     squares: Array  # Squared errors, standardised by the covariance that the model gives without its tails
-    distances: Array  # Their lengths
     deviations: Array  # Square root of the covariance's mean diagonal entry
     tracks: Index
     stretches: Index
@@ -190,26 +209,16 @@ def prediction_errors(
         raise EstimationError(
             f"tracks: none has more than {window} positions, which a prediction is made from (window)"
         )
-    state = _run_filter(model, stretches.times, stretches.positions)
-    dynamics = dynamics_of(model)
-    errors = []
+    scans = [Scan(stretches.times[:, i], stretches.positions[:, i]) for i in range(window)]
+    state, errors = run_filter(model, scans).state, []
     for lead_time, target in zip(lead_times, targets, strict=True):
         rows = target.stretches
-        later = FilterState(state.times[rows], state.mean[rows], state.covariance[rows])
-        predict_state(dynamics, later, target.times)
+        later = state.of(rows)
+        predict_state(dynamics_of(model), later, target.times)
         offsets, covariance = target.positions - later.mean[:, 0], later.covariance[:, :2, :2]
         squares = np.einsum("na,na->n", offsets, np.linalg.solve(covariance, offsets[..., None])[..., 0])
         deviations = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
-        errors.append(
-            PredictionErrors(
-                float(lead_time),
-                squares,
-                np.linalg.norm(offsets, axis=1),
-                deviations,
-                stretches.tracks[rows],
-                rows,
-            )
-        )
+        errors.append(PredictionErrors(float(lead_time), squares, deviations, stretches.tracks[rows], rows))
     return errors
 
 
@@ -250,59 +259,43 @@ def conformal_tails(errors: Sequence[PredictionErrors], tails: Tails | None, alp
 
 
 @dataclass(frozen=True)
-class _TrackPieces:
-    """Pieces of tracks, the longest first, filled up with their last position: (N, n) s, (N, n, 2) m, (N,)."""
+class _Range:
+    """Values of a parameter that are tried, in SI."""
 
-    times: Array
-    positions: Array
-    lengths: Index
-
-
-def _pieces(tracks: Tracks) -> _TrackPieces:
-    pieces: list[Track] = []
-    for track in tracks:
-        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / FIT.longest_piece))
-        pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
-    if not pieces:
-        raise EstimationError("tracks: none has more than one position")
-    pieces.sort(key=len, reverse=True)
-    rows = np.minimum(np.arange(len(pieces[0])), np.array([len(p) - 1 for p in pieces])[:, None])
-    return _TrackPieces(
-        np.array([p.times[row] for p, row in zip(pieces, rows, strict=True)]),
-        np.array([p.positions[row] for p, row in zip(pieces, rows, strict=True)]),
-        np.array([len(p) for p in pieces], dtype=np.intp),
-    )
+    unit: float  # in which it is near 1
+    least: float
+    most: float
+    usual: float
 
 
-def _log_likelihood(pieces: _TrackPieces, model: ProcessModel) -> float:
-    dynamics = dynamics_of(model)
-    state = _first(model, pieces.times, pieces.positions)
-    noise = _noise(model, len(pieces.times))
-    total = 0.0
-    for i in range(1, pieces.times.shape[1]):
-        left = int(np.searchsorted(-pieces.lengths, -i, "left"))  # those longer than i come first
-        state = FilterState(state.times[:left], state.mean[:left], state.covariance[:left])
-        total += float(
-            update_state(dynamics, state, pieces.times[:left, i], pieces.positions[:left, i], noise[:left]).sum()
-        )
-    return total
+def _ranges(tracks: Tracks) -> dict[str, _Range]:
+    """Ranges of all parameters: robots on a table top, and ships, are fitted like people."""
+    lags = np.concatenate([np.zeros(0), *(np.diff(track.times) for track in tracks)])
+    steps = np.concatenate([np.zeros(0), *(np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks)])
+    length, time = _coarse(steps, FIT.usual_step), _coarse(lags, FIT.usual_lag)
+    speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
+    durations = [np.ptp(track.times) for track in tracks if len(track) > 1]
+    lasting = math.sqrt(float(np.median(lags)) * float(np.median(durations)))
+    step = float(steps.mean())
+    units = {
+        "diffusion": (length**2 / time**3, 2.0 * speed**2 / lasting),
+        "time_constant": (time, lasting),
+        "velocity_deviation": (length / time, speed),
+        "noise_deviation": (length, FIT.usual_noise * step),
+    }
+    found = {}
+    for name, (unit, usual) in units.items():
+        least, most = (unit * bound for bound in (FIT.time_constants if name == "time_constant" else FIT.bounds))
+        if name == "noise_deviation":
+            least = max(least, FIT.least_noise * step)
+        found[name] = _Range(unit, least, most, min(max(usual, least), most))
+    return found
 
 
-def _run_filter(model: ProcessModel, times: Array, positions: Array) -> FilterState:
-    """Run the filter over sequences of one length; give the last states."""
-    dynamics, state, noise = dynamics_of(model), _first(model, times, positions), _noise(model, len(times))
-    for i in range(1, times.shape[1]):
-        update_state(dynamics, state, times[:, i], positions[:, i], noise)
-    return state
-
-
-def _first(model: ProcessModel, times: Array, positions: Array) -> FilterState:
-    dynamics, noise = dynamics_of(model), _noise(model, len(times))
-    return first_state(dynamics, model.velocity_deviation**2, times[:, 0], positions[:, 0], noise)
-
-
-def _noise(model: ProcessModel, count: int) -> Array:
-    return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
+def _coarse(values: Array, usual: float) -> float:
+    """Power of 2^8 that is nearest to the mean of values, in relation to usual ones."""
+    mean = float(values.mean()) if len(values) else 0.0
+    return 2.0 ** (FIT.unit_bits * round(math.log2(mean / usual) / FIT.unit_bits)) if mean > 0.0 else 1.0
 
 
 def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
@@ -311,7 +304,7 @@ def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
     if model.process.kind == "singer":
         process["diffusion"] = 2.0 * model.process.deviation**2 * model.process.time_constant
     values = {**process, "velocity_deviation": model.velocity_deviation, "noise_deviation": model.noise_deviation}
-    bounds = {name: _bounds_of(name, tracks) for name in values}
+    bounds = {name: (one.least, one.most) for name, one in _ranges(tracks).items()}
     if model.tails is not None:
         values["degrees_of_freedom"], bounds["degrees_of_freedom"] = model.tails.degrees_of_freedom, FIT.degrees
     return [
@@ -322,24 +315,15 @@ def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
     ]
 
 
-def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
-    """Least and largest value of a parameter that are tried, in SI."""
-    unit = unit_of(name, tracks)
-    least, most = (unit * bound for bound in (FIT.time_constants if name == "time_constant" else FIT.bounds))
-    if name == "noise_deviation":
-        steps = step_lengths(tracks)
-        least = max(least, FIT.least_noise * float(steps.mean()) if len(steps) else 0.0)
-    return least, most
-
-
 def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel:
     """Maximise the likelihood over the logarithms of the parameters; the noise may be given, m."""
     from scipy.optimize import minimize
 
-    pieces = _pieces(tracks)
-    count = int(np.sum(pieces.lengths - 1))
+    scans = _scans(tracks)
+    count = sum(len(scan.times) for scan in scans[1:])
     names = (*_PARAMETERS[kind], "velocity_deviation", *(("noise_deviation",) if noise is None else ()))
-    units = np.array([unit_of(name, tracks) for name in names])
+    ranges = [_ranges(tracks)[name] for name in names]
+    units = np.array([one.unit for one in ranges])
 
     def model_at(logs: Array) -> ProcessModel:
         values = dict(zip(names, (units * np.exp(logs)).tolist(), strict=True))
@@ -348,14 +332,11 @@ def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel
             values["deviation"] = math.sqrt(0.5 * values.pop("diffusion") / values["time_constant"])
         return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
-    bounds = np.array([_bounds_of(name, tracks) for name in names]) / units[:, None]
-    guessed = usual_parameters(tracks)
-    start = np.clip(np.array([guessed[name] for name in names]) / units, *bounds.T)
     result = minimize(
-        lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
-        np.log(start),
+        lambda logs: -run_filter(model_at(logs), scans).log_likelihood.sum() / count,
+        np.log([one.usual / one.unit for one in ranges]),
         method="L-BFGS-B",
-        bounds=np.log(bounds),
+        bounds=np.log([(one.least / one.unit, one.most / one.unit) for one in ranges]),
     )
     _logger.info("log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message)
     return model_at(result.x)
