@@ -28,8 +28,8 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.confidence import region_scale
-from scp_planner.tracking.estimate import estimate_motion
 from scp_planner.tracking.kalman import estimate_process
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_filter import MotionFilter
 from scp_planner.tracking.recursive import RecursiveEstimator
 

@@ -20,9 +20,8 @@ from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.studies.coverage import measure_coverage, plot_coverage
 from scp_planner.studies.recorded import RecordedCoverage, measure_recorded_coverage
 from scp_planner.tracking.confidence import LEVELS, region_scale
-from scp_planner.tracking.estimate import estimate_motion
 from scp_planner.tracking.kalman import estimate_process
-from scp_planner.tracking.least_squares import MotionPrior
+from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate
 from scp_planner.tracking.tracks import Tracks
 

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from scp_planner.simulation.setup import Follower as Follower
     from scp_planner.simulation.setup import SimulationSettings as SimulationSettings
     from scp_planner.threat_zones.of_scenario import zones as zones
-    from scp_planner.tracking.estimate import estimate_motion as estimate_motion
+    from scp_planner.tracking.maximum_likelihood import estimate_motion as estimate_motion
     from scp_planner.trips.samples import SampledTrajectory as SampledTrajectory
 
 __version__ = "0.1.0"
@@ -101,7 +101,7 @@ _MODULE_OF = {
     "SimulationSettings": "simulation.setup",
     "TooLargeError": "errors",
     "certify": "certificate.check",
-    "estimate_motion": "tracking.estimate",
+    "estimate_motion": "tracking.maximum_likelihood",
     "lower_bound": "certificate.lower_bound",
     "penalty_descent": "baseline.penalty_descent",
     "plan": "planning.offline",

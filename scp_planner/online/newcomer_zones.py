@@ -14,7 +14,7 @@ from scp_planner.online.many_zones import Future, Level, lengths_of_polynomials,
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.least_squares import MotionPrior, prior_rows
+from scp_planner.tracking.maximum_likelihood import MotionPrior, prior_rows
 from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
 from scp_planner.tracking.recursive import SquareRoots
 

@@ -25,8 +25,8 @@ from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.estimate import estimate_motion, given_prior, tracked_motion
-from scp_planner.tracking.least_squares import MotionPrior
+from scp_planner.tracking.estimate import given_prior, tracked_motion
+from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate
 from scp_planner.tracking.motion_filter import MotionFilter
 from scp_planner.tracking.recursive import RecursiveEstimator, SquareRoots

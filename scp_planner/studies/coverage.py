@@ -15,7 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.files import write_rows
 from scp_planner.tracking.confidence import LEVELS, region_scale
-from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
 
 if TYPE_CHECKING:

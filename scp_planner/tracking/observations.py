@@ -59,6 +59,13 @@ class CheckedObservations:
     rows: Index  # Place of each in the input
     rejected: tuple[int, ...]  # Places in the input of what was left out
 
+    def without(self, place: int) -> CheckedObservations:
+        """All but one."""
+        kept, sigma = np.arange(len(self.times)) != place, self.covariance
+        each = sigma[kept] if sigma is not None and sigma.ndim == 3 else sigma
+        rejected = tuple(sorted((*self.rejected, int(self.rows[place]))))
+        return CheckedObservations(self.times[kept], self.positions[kept], each, self.rows[kept], rejected)
+
 
 def check_observations(
     times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None, screening: Screening

@@ -12,8 +12,15 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.error_laws import ErrorLaw, NormalErrors
-from scp_planner.tracking.estimate import HIGHEST_ORDER
-from scp_planner.tracking.least_squares import Extent, Moments, MotionPrior, Noise, estimated_noise, prior_rows
+from scp_planner.tracking.maximum_likelihood import (
+    HIGHEST_ORDER,
+    Extent,
+    Moments,
+    MotionPrior,
+    Noise,
+    estimated_noise,
+    prior_rows,
+)
 from scp_planner.tracking.motion_estimate import PolynomialEstimate, shift_powers
 from scp_planner.tracking.observations import check_covariance, usable
 

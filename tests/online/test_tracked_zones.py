@@ -15,7 +15,8 @@ from scp_planner.online.track import TRACKS
 from scp_planner.settings.online import Regions, Watch
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.estimate import estimate_motion, estimate_obstacle
+from scp_planner.tracking.estimate import estimate_obstacle
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 
 pytestmark = pytest.mark.numerics
 

@@ -22,7 +22,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import GiveWay, Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
-from scp_planner.tracking.least_squares import Noise
+from scp_planner.tracking.maximum_likelihood import Noise
 from scp_planner.tracking.observations import Faulty, Outliers, Screening
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)

@@ -13,7 +13,8 @@ from scipy import integrate, optimize, stats
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.confidence import LEVELS, excursion_bound, region_scale, shared_alpha, uniform_scale
 from scp_planner.tracking.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
-from scp_planner.tracking.estimate import estimate_motion, estimate_obstacle
+from scp_planner.tracking.estimate import estimate_obstacle
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate
 
 pytestmark = pytest.mark.numerics

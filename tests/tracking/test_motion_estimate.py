@@ -10,7 +10,7 @@ from observed_motions import SIGMA, irregular, observe
 from scipy import stats
 
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import standardised_speed
 
 pytestmark = pytest.mark.numerics

@@ -9,7 +9,7 @@ import pytest
 from observed_motions import SIGMA, TRUTH, observe
 
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.estimate import estimate_motion
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
 from scp_planner.tracking.observations import Faulty, Outliers, Screening
 

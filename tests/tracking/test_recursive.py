@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.estimate import estimate_motion
-from scp_planner.tracking.least_squares import MotionPrior
+from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
 from scp_planner.tracking.recursive import RecursiveEstimator
 

@@ -12,7 +12,8 @@ from scenes import scene
 import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.scenario.process_model import ProcessModel
-from scp_planner.tracking.estimate import estimate_motion, tracked_motion
+from scp_planner.tracking.estimate import tracked_motion
+from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_filter import MotionFilter
 
 pytestmark = pytest.mark.numerics
