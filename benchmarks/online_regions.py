@@ -23,8 +23,8 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.settings.online import Regions, Watch
 from scp_planner.simulation.worlds import Course, track_course
+from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import square_within
-from scp_planner.tracking.error_laws import NormalErrors
 from scp_planner.tracking.track_files import Track
 from scp_planner.tracking.tracks import Tracks
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.tracking.error_laws import ErrorLaw
+from scp_planner.tracking.confidence import ErrorLaw
 from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
 
 KEPT = 64

@@ -17,8 +17,7 @@ from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.confidence import alpha_of_one, uniform_scale
-from scp_planner.tracking.error_laws import NormalErrors
+from scp_planner.tracking.confidence import NormalErrors, alpha_of_one, uniform_scale
 from scp_planner.tracking.motion_estimate import standardised_speed
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths

@@ -16,8 +16,8 @@ from scp_planner.online.noticing import Bank
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import AdaptiveScales, region_score
-from scp_planner.tracking.error_laws import NormalErrors
 
 
 @dataclass(frozen=True)

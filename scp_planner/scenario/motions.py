@@ -127,7 +127,7 @@ class Futures(Part):
     """Several courses that an obstacle may take, of which it takes one: as predictors give them that were learnt.
 
     All of them are kept clear of, each by as much as it takes for the probability to be outside of all their zones to
-    be no larger than the level of confidence allows: see `scp_planner.tracking.risk`.
+    be no larger than the level of confidence allows: see `scp_planner.tracking.confidence`.
     """
 
     rules: ClassVar[tuple[Rule, ...]] = (_weights_add_up,)

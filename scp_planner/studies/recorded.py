@@ -12,8 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.files import write_rows
 from scp_planner.scenario.process_model import ProcessModel, Tails
-from scp_planner.tracking.confidence import uniform_scale
-from scp_planner.tracking.error_laws import HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.tracking.confidence import HotellingErrors, NormalErrors, StudentErrors, uniform_scale
 from scp_planner.tracking.kalman import estimate_process
 from scp_planner.tracking.motion_fitting import FIT, fit_motion_model, prediction_errors, stretches_of
 from scp_planner.tracking.tracks import Tracks

@@ -265,7 +265,7 @@ def given_zones(
     level = str(confidence.level)
     alpha = alpha_of_one(level, confidence.probability, uncertain)
     if isinstance(motion, Futures) and len(motion.futures) > 1:
-        from scp_planner.tracking.risk import alpha_of_mixture
+        from scp_planner.tracking.confidence import alpha_of_mixture
 
         of_one = alpha_of_mixture(level, alpha, uncertain)
         return tuple(with_pauses(_future_zones(name, shape, margin, motion, level, of_one), go_on))
@@ -283,8 +283,7 @@ def _future_zones(
     name: str, shape: Shape, margin: float, motion: Futures, level: str, alpha: float
 ) -> Iterator[ThreatZone]:
     """Yield the zones of several futures, which all together miss the obstacle with at most a probability of alpha."""
-    from scp_planner.tracking.confidence import course_scale
-    from scp_planner.tracking.risk import shared_risk, sizes_of
+    from scp_planner.tracking.confidence import course_scale, shared_risk, sizes_of
 
     futures = _by_weight(motion.futures)
     weights = np.array([one.weight for one in futures])

@@ -10,8 +10,8 @@ import numpy as np
 
 from scp_planner.errors import EstimationError
 from scp_planner.pauses import GoOn, with_pauses
+from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.dynamics import dynamics_of
-from scp_planner.tracking.error_laws import NormalErrors
 from scp_planner.tracking.kalman import estimate_processes
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate

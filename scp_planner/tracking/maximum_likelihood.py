@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.settings.knobs import word_of
-from scp_planner.tracking.error_laws import (
+from scp_planner.tracking.confidence import (
     FEWEST_DEGREES_OF_FREEDOM,
     ErrorLaw,
     HotellingErrors,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.tracking.error_laws import ErrorLaw, HotellingErrors
+from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors
 from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion

@@ -12,9 +12,9 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
+from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.conformal import conformal_quantile
 from scp_planner.tracking.dynamics import dynamics_of
-from scp_planner.tracking.error_laws import StudentErrors
 from scp_planner.tracking.kalman import Scan, predict_state, run_filter
 from scp_planner.tracking.track_files import Track
 from scp_planner.tracking.tracks import Tracks

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import Tails
+from scp_planner.tracking.confidence import ErrorLaw, NormalErrors, StudentErrors
 from scp_planner.tracking.dynamics import Dynamics, Integrator
-from scp_planner.tracking.error_laws import ErrorLaw, NormalErrors, StudentErrors
 from scp_planner.tracking.motion_estimate import (
     POLYNOMIAL_TERMS,
     MotionEstimate,

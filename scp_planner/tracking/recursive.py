@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.error_laws import ErrorLaw, NormalErrors
+from scp_planner.tracking.confidence import ErrorLaw, NormalErrors
 from scp_planner.tracking.maximum_likelihood import (
     HIGHEST_ORDER,
     Extent,

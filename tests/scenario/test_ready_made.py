@@ -11,7 +11,7 @@ from scp_planner import files
 from scp_planner.scenario import ready_made
 from scp_planner.scenario.process_model import ProcessModel, SingerAcceleration
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.tracking.error_laws import StudentErrors
+from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.kalman import estimate_process
 
 TIMES = np.linspace(-1.9, 0.0, 20)

@@ -11,8 +11,7 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner.scenario.motions import Futures
 from scp_planner.threat_zones.zone import by_obstacle
-from scp_planner.tracking.confidence import course_scale, marginal_scale
-from scp_planner.tracking.risk import alpha_of_mixture, shared_risk, sizes_of
+from scp_planner.tracking.confidence import alpha_of_mixture, course_scale, marginal_scale, shared_risk, sizes_of
 
 TIMES = np.linspace(0.0, 8.0, 9)
 

@@ -11,8 +11,17 @@ from scenes import observed, scene
 from scipy import integrate, optimize, stats
 
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.confidence import LEVELS, excursion_bound, region_scale, shared_alpha, uniform_scale
-from scp_planner.tracking.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.tracking.confidence import (
+    LEVELS,
+    ErrorLaw,
+    HotellingErrors,
+    NormalErrors,
+    StudentErrors,
+    excursion_bound,
+    region_scale,
+    shared_alpha,
+    uniform_scale,
+)
 from scp_planner.tracking.estimate import estimate_obstacle
 from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate

@@ -15,7 +15,7 @@ from observed_motions import SIGMA, TRUTH, irregular, observe
 
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.models import Obstacle
-from scp_planner.tracking.error_laws import HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.tracking.confidence import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.tracking.estimate import estimate_obstacle
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.recursive import RecursiveEstimator

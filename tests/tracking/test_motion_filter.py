@@ -16,9 +16,8 @@ from scipy.stats import multivariate_normal
 from scp_planner.errors import EstimationError, MotionModelError, ScenarioError
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
-from scp_planner.tracking.confidence import region_scale
+from scp_planner.tracking.confidence import NormalErrors, StudentErrors, region_scale
 from scp_planner.tracking.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
-from scp_planner.tracking.error_laws import NormalErrors, StudentErrors
 from scp_planner.tracking.kalman import estimate_process
 from scp_planner.tracking.motion_filter import MotionFilter
 from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate

@@ -10,8 +10,8 @@ from scipy.stats import multivariate_normal
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import MeanRevertingVelocity, ProcessModel
+from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.dynamics import dynamics_of
-from scp_planner.tracking.error_laws import StudentErrors
 from scp_planner.tracking.kalman import estimate_process
 from scp_planner.tracking.motion_fitting import (
     PredictionErrors,

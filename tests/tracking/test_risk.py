@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from scp_planner.errors import EstimationError
-from scp_planner.tracking.risk import alpha_of_mixture, shared_risk, sizes_of
+from scp_planner.tracking.confidence import alpha_of_mixture, shared_risk, sizes_of
 
 SIZES = st.floats(1e-6, 1e6) | st.just(0.0)
 
