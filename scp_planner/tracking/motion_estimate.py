@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,15 +20,7 @@ from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
 
 
-@dataclass(frozen=True)
-class LengthIntegral:
-    """Quadrature of standardised lengths."""
-
-    panel_nodes: int = 12
-    most_panels: int = 1024
-
-
-INTEGRAL = LengthIntegral()
+PANEL_NODES, MOST_PANELS = 12, 1024  # of the quadrature of standardised lengths
 
 
 @dataclass(frozen=True)
@@ -126,27 +118,19 @@ class PolynomialEstimate(MotionEstimate):
     coefficients: Array
     coefficient_covariance: Array  # Covariance of their errors
     rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
-    _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _known: dict[tuple[float, float], MotionPolynomials] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     @property
     def velocity(self) -> Array:
-        """Estimated velocity at the reference time: (2,) m/s."""
         return self._rows(self.reference_time, 1) @ self.coefficients
 
     @property
     def acceleration(self) -> Array:
-        """Estimated acceleration at the reference time: (2,) m/s^2."""
         return self._rows(self.reference_time, 2) @ self.coefficients
 
     def position(self, t: ArrayLike) -> Array:
-        """Estimated centre at times t (...), s: (..., 2) m."""
         return self._rows(t) @ self.coefficients
 
     def covariance(self, t: ArrayLike) -> Array:
-        """Covariance of the error of the estimated centre at times t (...), s: (..., 2, 2) m^2."""
         rows = self._rows(t)
         return np.einsum("...j,jakb,...k->...ab", rows, self.coefficient_covariance, rows)
 
@@ -170,13 +154,7 @@ class PolynomialEstimate(MotionEstimate):
         )
 
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
-        """Centre and covariance over [start, stop], s: one piece, exact."""
         check_span(start, stop)
-        if (start, stop) not in self._known:  # zones and what compares predictions ask for the same
-            self._known[start, stop] = self._over(start, stop)
-        return self._known[start, stop]
-
-    def _over(self, start: float, stop: float) -> MotionPolynomials:
         p = self.order + 1
         to_local = shift_powers(p, (start - self.center_time) / self.time_scale, self.time_scale)
         center = np.zeros((1, POLYNOMIAL_TERMS, 2))
@@ -188,16 +166,10 @@ class PolynomialEstimate(MotionEstimate):
         return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
 
     def standardised_length(self, start: float = -math.inf, stop: float = math.inf) -> float:
-        """Path length of the standardised error over [start, stop], which may be infinite."""
         if not start <= stop:
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if self.order == 0 or start == stop:
             return 0.0
-        if (start, stop) not in self._lengths:
-            self._lengths[start, stop] = self._length(start, stop)
-        return self._lengths[start, stop]
-
-    def _length(self, start: float, stop: float) -> float:
         # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
         # standardising removes. So infinite times are as good as any other.
         begin, end = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
@@ -291,14 +263,14 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
 
 def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Array:
     """Integrate smooth functions >= 0, of times (L,) to (..., L), by Gauss-Legendre panels until two answers agree."""
-    panels, rule = 2, gauss_rule(INTEGRAL.panel_nodes)
+    panels, rule = 2, gauss_rule(PANEL_NODES)
     answer = np.array(np.inf)
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
         total = np.asarray(half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights))
-        if panels >= INTEGRAL.most_panels or np.all(np.abs(total - answer) <= PLACE_TOLERANCE * total):
+        if panels >= MOST_PANELS or np.all(np.abs(total - answer) <= PLACE_TOLERANCE * total):
             return total
         answer, panels = total, 2 * panels
 

@@ -201,17 +201,14 @@ class ProcessEstimate(MotionEstimate):
 
     @property
     def earliest(self) -> float:
-        """The time of the last observation, s."""
         return self.reference_time
 
     @property
     def velocity(self) -> Array:
-        """Estimated velocity at the reference time: (2,) m/s."""
         return self.mean[1]
 
     @property
     def acceleration(self) -> Array:
-        """Expected acceleration at the reference time: (2,) m/s^2."""
         return self.dynamics.acceleration(self.mean)
 
     @cached_property
@@ -219,22 +216,18 @@ class ProcessEstimate(MotionEstimate):
         return Predictions(self.dynamics, self.tails, self.mean[None], self.state_covariance[None])
 
     def position(self, t: ArrayLike) -> Array:
-        """Predicted centre at times t (...), s, not before the reference time: (..., 2) m."""
         return self._own.centers(self._lead(t))[0]
 
     def covariance(self, t: ArrayLike) -> Array:
-        """Covariance of the error of the predicted centre at times t (...), s: (..., 2, 2) m^2."""
         return self._own.covariances(self._lead(t))[0]
 
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
-        """Centre and covariance over [start, stop], s: exact for integrated white noise, else within tolerances."""
         check_span(start, stop)
         several, span = self.shared or self._own, (float(self._lead(start)), float(self._lead(stop)))
         found = several.pieces(*span)[self.place]
         return replace(found, breakpoints=self.reference_time + found.breakpoints)
 
     def standardised_length(self, start: float, stop: float) -> float:
-        """Path length of the standardised error over [start, stop], which must be finite."""
         if not start <= stop:
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if not math.isfinite(stop):
