@@ -21,32 +21,16 @@ class Faulty(StrEnum):
     DROP = "drop"
 
 
-class Outliers(StrEnum):
-    """Treatment of positions that do not fit the motion."""
-
-    KEEP = "keep"
-    """Believe all of them."""
-    GATE = "gate"
-    """Leave out what the others say is improbable."""
-    HUBER = "huber"
-    """Give less weight to what lies far from the fit."""
-
-
 @dataclass(frozen=True)
 class Screening:
     """Possible faults of observations, and their treatment."""
 
     missing: Faulty = Faulty.REFUSE  # Rows with a NaN or an infinity, as a sensor writes for a dropout
     repeated: Faulty = Faulty.REFUSE  # Rows equal to an earlier one in time and position
-    outliers: Outliers = Outliers.KEEP
-    gate_probability: float = 0.01  # Greatest probability that gating leaves out anything at all if nothing is wrong
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "missing", word_of(Faulty, self.missing, "missing"))
         object.__setattr__(self, "repeated", word_of(Faulty, self.repeated, "repeated"))
-        object.__setattr__(self, "outliers", word_of(Outliers, self.outliers, "outliers"))
-        if not 0.0 < self.gate_probability < 1.0:
-            raise EstimationError(f"gate_probability: {self.gate_probability!r} is not between 0 and 1")
 
 
 @dataclass(frozen=True)
@@ -58,13 +42,6 @@ class CheckedObservations:
     covariance: Array | None
     rows: Index  # Place of each in the input
     rejected: tuple[int, ...]  # Places in the input of what was left out
-
-    def without(self, place: int) -> CheckedObservations:
-        """All but one."""
-        kept, sigma = np.arange(len(self.times)) != place, self.covariance
-        each = sigma[kept] if sigma is not None and sigma.ndim == 3 else sigma
-        rejected = tuple(sorted((*self.rejected, int(self.rows[place]))))
-        return CheckedObservations(self.times[kept], self.positions[kept], each, self.rows[kept], rejected)
 
 
 def check_observations(

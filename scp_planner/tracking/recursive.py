@@ -15,7 +15,6 @@ from scp_planner.tracking.confidence import ErrorLaw, NormalErrors
 from scp_planner.tracking.maximum_likelihood import (
     HIGHEST_ORDER,
     Extent,
-    Moments,
     MotionPrior,
     Noise,
     estimated_noise,
@@ -279,7 +278,7 @@ class RecursiveEstimator:
         told = self._factor[:, self._unknowns :, k]
         square = float(np.sum(told * told) + np.trace(self._scatter[..., k]))
         extent = Extent(square, self._origin[k], self.least_deviation)
-        return estimated_noise(self._scatter[..., k], Moments(degrees, degrees), Noise.GENERAL, extent)
+        return estimated_noise(self._scatter[..., k], degrees, Noise.GENERAL, extent)
 
     def _general(self, k: int, sigma: Array | None, prior: MotionPrior | None) -> tuple[Array, Array]:
         """Solve for all 2 p coefficients together: with varying covariances, with a prior, or both."""

@@ -5,7 +5,6 @@ from sys import float_info
 SCALE_TOLERANCE = 1e-13  # of log q
 PLACE_TOLERANCE = 1e-7  # relative, of a standardised length
 EQUAL_EIGENVALUES = 1e-9  # relative difference of two eigenvalues below which they count as equal
-RESIDUAL_TOLERANCE = 1e-8  # of the residuals, relative to the noise
 TIME_TOLERANCE = 1e-9  # units of time; times this little before the last observation are taken for it
 LEAST_RISK_SHARE = 1e-9  # Least share, relative to the largest one.
 LAST_DIGITS = 8.0 * float_info.epsilon  # relative, of coefficients and residuals

@@ -255,35 +255,6 @@ class TestPrior:
             estimate_motion([3.0], [[2.0, 1.0]], SIGMA, prior=MotionPrior(velocity_deviation=1.0))
 
 
-class TestForgetting:
-    def test_weighs_by_age(self) -> None:
-        rng = np.random.default_rng(19)
-        times = irregular(rng)
-        positions = observe(rng, times)
-        weights = 0.8 ** np.arange(14, -1, -1)
-        fits = [np.polyfit(times, positions[:, a], 2, w=np.sqrt(weights)) for a in range(2)]
-        seen = estimate_motion(times, positions, SIGMA, forgetting=0.8)
-        assert seen.position(3.0) == pytest.approx([np.polyval(fit, 3.0) for fit in fits], rel=1e-9)
-
-    @pytest.mark.parametrize("known", [True, False])
-    def test_covers_a_motion_that_does_not_change(self, known: bool) -> None:
-        rng = np.random.default_rng(20)
-        times, runs, inside = np.arange(20) * 0.1, 1000, 0
-        for _ in range(runs):
-            seen = estimate_motion(
-                times, rng.multivariate_normal(np.zeros(2), SIGMA, 20), SIGMA if known else None, forgetting=0.85
-            )
-            z = seen.position(2.5)
-            inside += bool(z @ np.linalg.solve(seen.covariance(2.5), z) <= seen.errors.pointwise_scale(0.05))
-        assert inside / runs == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / runs))
-
-    def test_follows_a_manoeuvre(self) -> None:
-        times = np.arange(60) * 0.1
-        positions = np.stack([times, np.where(times < 4.0, 0.0, times - 4.0)], axis=1)
-        keep, forget = (estimate_motion(times, positions, SIGMA, 1, forgetting=f) for f in (1.0, 0.7))
-        assert abs(forget.velocity[1] - 1.0) < 0.01 < abs(keep.velocity[1] - 1.0)
-
-
 class TestObstacles:
     seen: ClassVar[dict[str, list[Any]]] = {
         "time": [0.0, 0.4, 0.8, 1.2, 1.6, 2.0],
