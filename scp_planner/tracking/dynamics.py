@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
@@ -221,10 +221,10 @@ def dynamics_of(model: ProcessModel) -> Dynamics:
     return Singer(process.deviation, process.time_constant)
 
 
-def _distinct(lag: Array) -> tuple[Array, Array]:
+def _distinct(lag: Array) -> tuple[Array, Index]:
     """Lags that differ by more than rounding, and the place of each given one among them."""
     lags, places = np.unique(np.round(lag, LAG_DIGITS), return_inverse=True)
-    return lags, np.asarray(places).reshape(np.shape(lag))
+    return lags, np.asarray(places, dtype=np.intp).reshape(np.shape(lag))
 
 
 def _second(z: Array) -> Array:

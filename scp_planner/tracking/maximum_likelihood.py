@@ -134,9 +134,9 @@ def estimate_motion(
             residuals = z - origin - rows @ coefficients
             extent = Extent(float(np.sum((z - origin) ** 2)), origin)
             sigma, errors = estimated_noise(residuals.T @ residuals, float(len(t) - p), form, extent)
-        covariance = np.einsum("jk,ab->jakb", inverse @ inverse.T, sigma)
+        spread = np.einsum("jk,ab->jakb", inverse @ inverse.T, sigma)
     if regressors is None:
-        coefficients, covariance = _general_fit(rows, z - origin, sigma, known)
+        coefficients, spread = _general_fit(rows, z - origin, sigma, known)
     coefficients[0] += origin
     return PolynomialEstimate(
         reference_time=float(t[-1]),
@@ -148,7 +148,7 @@ def estimate_motion(
         center_time=center,
         time_scale=scale,
         coefficients=coefficients,
-        coefficient_covariance=covariance,
+        coefficient_covariance=spread,
         rejected=seen.rejected,
     )
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import Tails
 from scp_planner.tracking.confidence import ErrorLaw, NormalErrors, StudentErrors
@@ -58,7 +58,7 @@ class Predictions:
     _kept: dict[tuple[float, float], list[MotionPolynomials]] = field(default_factory=dict, init=False)
     _lengths: dict[tuple[float, float], Array] = field(default_factory=dict, init=False)
 
-    def _of(self, some: Array) -> Predictions:
+    def _of(self, some: Index) -> Predictions:
         return Predictions(self.dynamics, self.tails, self.mean[some], self.covariance[some])
 
     def centers(self, lead: Array) -> Array:

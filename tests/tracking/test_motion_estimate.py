@@ -1,4 +1,4 @@
-"""Derived from an estimate: polynomials, lengths, regions."""
+"""Polynomials and lengths of estimated motions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from observed_motions import SIGMA, irregular, observe
-from scipy import stats
 
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.maximum_likelihood import estimate_motion
@@ -94,16 +93,6 @@ def test_length_with_a_covariance_for_each_is_the_mean_speed_of_the_standardised
         given = change @ spread @ change.T - cross.T @ cross  # the standardised error itself has unit covariance
         total += step * np.mean(np.sqrt(np.einsum("an,ab,bn->n", directions, given, directions)))
     assert seen.standardised_length(2.0, 5.0) == pytest.approx(total, rel=1e-5)
-
-
-def test_hotelling_regions_cover_each_axis_as_student_intervals_do() -> None:
-    """Estimated covariance, one axis at a time: the textbook interval of simple regression."""
-    rng = np.random.default_rng(25)
-    times = np.arange(8) * 0.5
-    positions = observe(rng, times, 1)
-    seen = estimate_motion(times, positions, None, 1)
-    fit = stats.linregress(times, positions[:, 0])
-    assert math.sqrt(seen.covariance(0.0)[0, 0]) == pytest.approx(fit.intercept_stderr)
 
 
 def test_the_standardised_speed_is_the_mean_over_directions() -> None:

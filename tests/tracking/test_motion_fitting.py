@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
@@ -89,24 +88,6 @@ def test_no_parameters_near_are_more_likely() -> None:
             assert log_likelihood(tracks, fitted.model_copy(update={"process": process})) < best
         for name in ("velocity_deviation", "noise_deviation"):
             assert log_likelihood(tracks, fitted.model_copy(update={name: factor * getattr(fitted, name)})) < best
-
-
-def test_likelihood_is_the_joint_density_of_tracks_of_any_length() -> None:
-    """A random walk of the velocity has an elementary covariance: V t s + q min^2 (3 max - min) / 6."""
-    rng = np.random.default_rng(1)
-    tracks, expected = [], 0.0
-    for i, count in enumerate((5, 1, 9, 2)):
-        times = np.sort(rng.uniform(0, 4, count))
-        z = rng.normal(size=(count, 2))
-        tracks.append(Track(str(i), times, z))
-        if count > 1:
-            lags = times[1:] - times[0]
-            low, high = np.minimum.outer(lags, lags), np.maximum.outer(lags, lags)
-            joint = 1.2**2 * low * high + 0.05 * low**2 * (3 * high - low) / 6
-            joint += 0.05**2 * (np.eye(count - 1) + 1.0)
-            normal = multivariate_normal(np.zeros(count - 1), joint)
-            expected += sum(float(normal.logpdf(z[1:, a] - z[0, a])) for a in range(2))
-    assert log_likelihood(Tracks(tracks), model()) == pytest.approx(expected, rel=1e-9)
 
 
 def test_long_tracks_are_cut_without_loss_of_rows() -> None:
