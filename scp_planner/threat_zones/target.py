@@ -42,7 +42,7 @@ class TargetMotion:
         (zone,) = ZonesOf(bare)
         spread = zone.covariances
         if spread is not None:
-            from scp_planner.tracking.error_laws import NormalErrors
+            from scp_planner.tracking.confidence import NormalErrors
 
             scale = NormalErrors().pointwise_scale(1.0 - one_time.probability)
             spread = PiecewisePolynomials(spread.breakpoints, spread.coefficients / scale)
