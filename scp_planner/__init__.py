@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from scp_planner.online.plan import OnlinePlan as OnlinePlan
     from scp_planner.online.plan import Outcome as Outcome
     from scp_planner.online.planner import Planner as Planner
+    from scp_planner.planning.meeting import Meeting as Meeting
+    from scp_planner.planning.meeting import meeting as meeting
     from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
     from scp_planner.scenario.estimates import Estimate as Estimate
@@ -71,6 +73,7 @@ _MODULE_OF = {
     "Future": "scenario.motions",
     "Futures": "scenario.motions",
     "Goal": "scenario.models",
+    "Meeting": "planning.meeting",
     "Model": "scenario.models",
     "Motion": "scenario.motions",
     "Observations": "scenario.models",
@@ -103,6 +106,7 @@ _MODULE_OF = {
     "certify": "certificate.check",
     "estimate_motion": "tracking.maximum_likelihood",
     "lower_bound": "certificate.lower_bound",
+    "meeting": "planning.meeting",
     "penalty_descent": "baseline.penalty_descent",
     "plan": "planning.offline",
     "simulate": "simulation.loop",

@@ -11,7 +11,8 @@ from scp_planner.certificate.verdict import EARLIEST, LATEST, OFF_STEP, Violatio
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.planar import distance_to_polygon
 from scp_planner.scenario.goals import distance_outside
-from scp_planner.scenario.models import Scenario, Steering, Vehicle
+from scp_planner.scenario.models import Goal, Scenario, Steering, Vehicle
+from scp_planner.threat_zones.target import goal_on_arrival
 from scp_planner.units import Point
 
 
@@ -69,9 +70,9 @@ def beside_corridor(scenario: Scenario, time: float, position: Point, heading: f
 
 def goal_violations(scenario: Scenario, last: EndState, began: float, backwards: bool) -> Iterator[Violation]:
     """Tell how a trip ends otherwise than its scenario asks, both in natural units."""
-    goal, time = scenario.goal, last.time
+    goal, time = goal_on_arrival(scenario, last.time), last.time
     yield from _window(scenario, time, began)
-    found = [*_place(scenario, last, backwards), *_heading_and_speed(scenario, last)]
+    found = [*_place(scenario.vehicle, goal, last, backwards), *_heading_and_speed(goal, last)]
     if goal.arrival_step is not None:
         missed = abs(remainder(time - began, goal.arrival_step))
         found.append(Violation(OFF_STEP, missed, off_a_step(goal.arrival_step), time))
@@ -94,9 +95,9 @@ def _ahead(position: Point, heading: float, distance: float) -> Point:
     return position[0] + distance * cos(heading), position[1] + distance * sin(heading)
 
 
-def _place(scenario: Scenario, last: EndState, backwards: bool) -> Iterator[Violation]:
+def _place(vehicle: Vehicle, goal: Goal, last: EndState, backwards: bool) -> Iterator[Violation]:
     """Distance of the end from the goal, and the allowed one."""
-    goal, ahead = scenario.goal, -scenario.vehicle.centre if backwards else scenario.vehicle.centre
+    ahead = -vehicle.centre if backwards else vehicle.centre
     if goal.region is None:
         yield Violation("distance from the goal", dist(last.position, goal.position), goal.radius, last.time)
         return
@@ -104,9 +105,9 @@ def _place(scenario: Scenario, last: EndState, backwards: bool) -> Iterator[Viol
     yield Violation("distance from the goal region", distance_outside(goal.region, middle), 0.0, last.time)
 
 
-def _heading_and_speed(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+def _heading_and_speed(goal: Goal, last: EndState) -> Iterator[Violation]:
     """Errors of heading and speed at the end against the goal's, and the allowed ones."""
-    goal, time = scenario.goal, last.time
+    time = last.time
     if goal.heading is not None:
         yield Violation("goal heading", abs(remainder(last.heading - goal.heading, 2.0 * pi)), 0.0, time)
     if goal.heading_range is not None:

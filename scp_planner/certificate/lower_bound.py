@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+from scp_planner.certificate.meeting import first_meeting
 from scp_planner.certificate.relaxation import SIZE, NotDecided, Relaxation
 from scp_planner.certificate.tolerances import ROUNDING, SPEED_ROUNDING
 from scp_planner.mathematics.frames import PlanningFrame
@@ -16,6 +17,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.target import TargetMotion
 from scp_planner.threat_zones.zone import ThreatZone
 
 
@@ -33,8 +35,13 @@ BISECTION = Bisection()
 
 
 def kinematic_bound(scenario: Scenario) -> float:
-    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may."""
-    time = straight_trip_time(scenario, Limits.of(scenario))
+    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may.
+
+    Of a target: the earliest time at which the vehicle can have driven as far as the target is away; inf if it never
+    can.
+    """
+    target = TargetMotion.of(scenario)
+    time = straight_trip_time(scenario, Limits.of(scenario)) if target is None else first_meeting(scenario, target)
     earliest = scenario.goal.earliest_arrival
     return time if earliest is None else max(time, earliest - scenario.start.time)
 
@@ -65,7 +72,7 @@ def lower_bound(
         s, never less than :func:`kinematic_bound`, which it is where the trip is so long that there would be too many
         cells and instants to look at; it is the smaller of what is true and what cells and instants can
         show, to a thousandth. Waiting for what fills a bounded workspace shows, and going far round; the price of
-        small sidesteps, and of turning, does not.
+        small sidesteps, and of turning, does not. Of a target it is the kinematic bound; inf if no trip ever meets it.
     """
     deadline = np.inf if time_limit is None else perf_counter() + time_limit
     units = NaturalUnits.of(scenario)
@@ -87,7 +94,7 @@ def bound_among(
 ) -> float:
     """Return :func:`lower_bound` of a scenario in natural units."""
     least = kinematic_bound(scenario)
-    if not scenario.obstacles:
+    if not scenario.obstacles or scenario.goal.target is not None:
         return least
     return _Bisection(scenario, tuple(threat_zones), least, deadline).bound(at_most)
 

@@ -35,6 +35,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.sorted_zones import known_until
+from scp_planner.threat_zones.target import goal_on_arrival
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.sampled_motion import EndVelocity, SampledMotion, velocities
 from scp_planner.trips.samples import SampledTrajectory
@@ -71,7 +72,7 @@ def certify_samples(
 
 class _SampledCheck:
     def __init__(self, scenario: Scenario, samples: SampledTrajectory, batch: ZoneBatch) -> None:
-        start, goal = scenario.start, scenario.goal
+        start, goal = scenario.start, goal_on_arrival(scenario, float(samples.time[-1]))
         found = velocities(samples, EndVelocity(start.speed, start.heading), EndVelocity(goal.speed, goal.heading))
         self.scenario, self.batch = scenario, batch
         self.limits = Limits.of(scenario)

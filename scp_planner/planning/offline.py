@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
+from scp_planner.planning.meeting_search import MeetingSearch
 from scp_planner.planning.other_guides import FastestGuide
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refinements
@@ -28,6 +30,7 @@ from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones
 from scp_planner.threat_zones.sorted_zones import told_of
+from scp_planner.threat_zones.target import TargetMotion
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
@@ -35,6 +38,10 @@ if TYPE_CHECKING:
     from scp_planner.tracking.error_tube import TrackingTube
 
 CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
+GETS_AWAY = (
+    "no trip meets the target: at no time is it as near to the start as the vehicle can have driven by then, at full"
+    " acceleration up to its top speed"
+)
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 
 
@@ -130,10 +137,27 @@ def planned(
         arrival_step=inside.goal.arrival_step,
         thorough=thorough,
     )
+    target = TargetMotion.of(inside)
+    if target is not None:
+        least = kinematic_bound(inside)
+        return _told(scenario, least, MeetingSearch(task, any_time, target, least, _fastest).run(), units, began)
+    search = _searched(task)
+    assert search.best is not None, "the first run is never cut off"
+    return _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
+
+
+def _searched(task: Task) -> TripSearch:
+    """Walk through all attempts of a task."""
     search = TripSearch(among_small_zones(CheckedRuns(task)))
     search.walk(attempts(search))
-    assert search.best is not None, "the first run is never cut off"
-    return _told(scenario, search, on_a_step(task, inside, search.best), units, began)
+    return search
+
+
+def _fastest(task: Task) -> ScpRun:
+    """Return the fastest trip of a task."""
+    best = _searched(task).best
+    assert best is not None, "the first run is never cut off"
+    return best
 
 
 def attempts(search: TripSearch) -> Iterator[Attempt[TripSearch, ScpRun]]:
@@ -148,15 +172,15 @@ def attempts(search: TripSearch) -> Iterator[Attempt[TripSearch, ScpRun]]:
         yield from refinements(search.task)
 
 
-def _told(scenario: Scenario, search: TripSearch, best: ScpRun, units: NaturalUnits, began: float) -> Plan:
+def _told(scenario: Scenario, lower_bound: float, best: ScpRun, units: NaturalUnits, began: float) -> Plan:
     """The best attempt as a plan in the user's units, with the reason if it is none to be driven."""
-    runs = search.runs
+    runs = best.runs
     trip, found = runs.trip(best.trajectory).outside(units), best.verdict.outside(units)
-    status = _status(best.run, best.verdict)
+    status = _status(best.run, best.verdict, lower_bound)
     return Plan(
         scenario=scenario.name,
         status=status,
-        reason=None if status is PlanStatus.CERTIFIED else _reason(scenario, runs.task, best, trip, units),
+        reason=None if status is PlanStatus.CERTIFIED else _reason(scenario, runs.task, best, trip, units, lower_bound),
         trip=trip,
         method="scp",
         solver=runs.solver.name,
@@ -164,15 +188,17 @@ def _told(scenario: Scenario, search: TripSearch, best: ScpRun, units: NaturalUn
         wall_time=perf_counter() - began,
         clearance=found.clearance,
         limits=found.limits,
-        lower_bound=search.lower_bound * units.time,
+        lower_bound=lower_bound * units.time,
         timings=runs.task.tally.timings,
         converged=best.run.status is LoopStatus.CONVERGED,
         planned=scenario,
     )
 
 
-def _reason(scenario: Scenario, task: Task, best: ScpRun, trip: Trip, units: NaturalUnits) -> str:
+def _reason(scenario: Scenario, task: Task, best: ScpRun, trip: Trip, units: NaturalUnits, lower_bound: float) -> str:
     """Why there is no certified plan; with a proof, where there is time for one and a trip is hardly to be had."""
+    if lower_bound == np.inf:
+        return GETS_AWAY
     now, deadline = perf_counter(), task.deadline
     hopeless = task.thorough and deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
     ending = Ending.of(best.run, dict(task.tally.tried), units.time)
@@ -184,7 +210,9 @@ def _reason(scenario: Scenario, task: Task, best: ScpRun, trip: Trip, units: Nat
     return explain(scenario, told, trip, ending, found, prove_until=now)
 
 
-def _status(run: LoopRun, certificate: Certificate) -> PlanStatus:
+def _status(run: LoopRun, certificate: Certificate, lower_bound: float) -> PlanStatus:
+    if lower_bound == np.inf:
+        return PlanStatus.INFEASIBLE
     if certificate.holds:
         return PlanStatus.CERTIFIED
     if certificate.late:

@@ -183,6 +183,11 @@ class CheckedRuns:
             return on_time
         return self._checked(self.problem, self._loop(self.problem), attempt.trajectory, cutoff, rival)
 
+    def unchecked(self, start: Trajectory) -> ScpRun:
+        """Run the loop from a start, without a certificate."""
+        with self.task.tally.timed("scp"):
+            return ScpRun(self._run(self.patient_loop, start, np.inf, None), None, self)
+
     def _on_its_step(self, trajectory: Trajectory) -> ScpRun:
         """Go on from a trip to one that arrives on the next step of time."""
         assert self.task.steps is not None

@@ -17,7 +17,9 @@ from scp_planner.plotting.borders import body_of, boundaries_of, vehicle_rectang
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.target import goal_on_arrival
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 from scp_planner.trips.trip import discs_at
 
@@ -200,7 +202,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
             vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
         ),
         obstacles=_record_obstacles(scenario, time, position, heading, truth),
-        **scene_of(scenario),
+        **scene_of(changed(scenario, goal=goal_on_arrival(scenario, plan.arrival_time))),
     )
 
 

@@ -83,8 +83,9 @@ def start_is_in_bounds(scenario: Any) -> Iterator[Objection]:
 
 
 def goal_is_in_bounds(scenario: Any) -> Iterator[Objection]:
-    """The vehicle's disc at the goal lies in the bounds."""
-    yield from _in_bounds("goal", scenario)
+    """The vehicle's disc at the goal lies in the bounds, if the goal stands."""
+    if scenario.goal.target is None:
+        yield from _in_bounds("goal", scenario)
 
 
 def guide_begins_at_start(scenario: Any) -> Iterator[Objection]:
@@ -133,7 +134,7 @@ def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
 def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
     """From a polygon that holds the start one can get to one that holds the goal by those that overlap."""
     polygons = scenario.corridor
-    if polygons is None or any(_is_no_cell(polygon) for polygon in polygons):
+    if polygons is None or scenario.goal.target is not None or any(_is_no_cell(polygon) for polygon in polygons):
         return
     start, goal = scenario.start.position, scenario.goal.position
     reached = {i for i, polygon in enumerate(polygons) if planar.distance_to_polygon(start, polygon) == 0.0}
@@ -158,9 +159,11 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
     units, radius = units_of(scenario), scenario.vehicle.radius
     inside, begin = units.lines(polygons), units.place(scenario.start.position)
     corridor.known_outlines(inside, begin)
-    corridor.known_way(inside, begin, units.place(scenario.goal.position))
+    if scenario.goal.target is None:
+        corridor.known_way(inside, begin, units.place(scenario.goal.position))
     walls = corridor.known_outside(inside)
-    for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
+    ends = (("start", 0.0), ("goal", scenario.goal.radius))
+    for place, reach in ends if scenario.goal.target is None else ends[:1]:
         position = getattr(scenario, place).position
         discs = _disc_centres(getattr(scenario, place), scenario)
         centres = [units.place(centre) for centre in discs]

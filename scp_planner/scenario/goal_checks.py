@@ -8,6 +8,7 @@ from typing import Any
 
 from scp_planner.mathematics import planar
 from scp_planner.scenario.checks import ahead_of, polygon_faults, same_place, speed_is_within
+from scp_planner.scenario.motions import Futures
 from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.validation import Objection
 
@@ -22,7 +23,7 @@ def goal_is_elsewhere(scenario: Any) -> Iterator[Objection]:
             yield Objection(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
     if same_place(start, goal):
         yield Objection(("goal", "position"), goal, "must not be the start's position")
-    elif math.dist(start, goal) <= scenario.goal.radius:
+    elif math.dist(start, goal) <= scenario.goal.radius and scenario.goal.target is None:
         text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
         yield Objection(("goal", "radius"), scenario.goal.radius, text)
 
@@ -88,3 +89,39 @@ def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
         value = getattr(scenario.goal, key)
         if value is not None and value <= start:
             yield Objection(("goal", key), value, f"must be later than start.time, {start:g} s")
+
+
+def target_leaves_the_rest_open(goal: Any) -> Iterator[Objection]:
+    """A goal that moves has no region and no step of time; one whose velocity is matched has no speed or heading."""
+    if goal.target is None:
+        for key, nothing in (("offset", (0.0, 0.0)), ("match_velocity", False)):
+            value = getattr(goal, key)
+            if tuple(value) != nothing if key == "offset" else value:
+                yield Objection((key,), value, "must be left out where there is no target")
+        return
+    matched = ("heading", "speed", "heading_range", "speed_range") if goal.match_velocity else ()
+    for key, why in (
+        *((key, "a target") for key in ("region", "arrival_step")),
+        *((key, "match_velocity") for key in matched),
+    ):
+        value = getattr(goal, key)
+        if value is not None:
+            yield Objection((key,), value, f"must be null where {why} is given")
+
+
+def target_is_known(scenario: Any) -> Iterator[Objection]:
+    """A target that is an obstacle is one of the scenario, in one future; guide and speed limits lead elsewhere."""
+    target = scenario.goal.target
+    if target is None:
+        return
+    if target.obstacle is not None:
+        known = {obstacle.id: obstacle for obstacle in scenario.obstacles}
+        if target.obstacle not in known:
+            yield Objection(("goal", "target"), target.obstacle, "there is no obstacle of this id")
+        elif isinstance(known[target.obstacle].motion, Futures):
+            yield Objection(("goal", "target"), target.obstacle, "must not be an obstacle of several futures")
+    if scenario.guide is not None:
+        yield Objection(("guide",), scenario.guide, "must be null where the goal has a target")
+    for i, limit in enumerate(scenario.speed_limits):
+        if limit.line is None:
+            yield Objection(("speed_limits", i, "line"), None, "must be given where the goal has a target")

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scp_planner.mathematics import planar
+from scp_planner.scenario.targets import about_where
 
 
 def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
@@ -18,9 +19,16 @@ def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
 
 
 def with_aim(data: Any) -> Any:
-    """Return the data of a scenario with the position that its goal is aimed at, where only a region is given."""
+    """Return the data of a scenario with the position that its goal is aimed at: by its region, or by its target."""
     goal, start = (data.get(key) if isinstance(data, Mapping) else None for key in ("goal", "start"))
-    if not isinstance(goal, Mapping) or goal.get("position") is not None or goal.get("region") is None:
+    if not isinstance(goal, Mapping) or goal.get("position") is not None:
+        return data
+    if goal.get("target") is not None:
+        vehicle = data.get("vehicle")
+        speed = vehicle.get("max_speed") if isinstance(vehicle, Mapping) else getattr(vehicle, "max_speed", None)
+        place = about_where(goal["target"], data.get("obstacles"), start, speed)
+        return data if place is None else {**data, "goal": {**goal, "position": place}}
+    if goal.get("region") is None:
         return data
     begin = start.get("position") if isinstance(start, Mapping) else getattr(start, "position", None)
     try:

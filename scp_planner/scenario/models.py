@@ -23,15 +23,18 @@ from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.mathematics.corridor import SIZE
 from scp_planner.outputs import output_named, picture_or_text
-from scp_planner.scenario import checks, goal_checks, obstacle_checks, ready_made
-from scp_planner.scenario.estimates import Estimate
+from scp_planner.scenario import checks, goal_checks
 from scp_planner.scenario.goals import with_aim
-from scp_planner.scenario.motions import Covariance, GivenMotion, all_timed
+from scp_planner.scenario.motions import all_timed, timed
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
-from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
-from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
+from scp_planner.scenario.obstacles import Model as Model
+from scp_planner.scenario.obstacles import Observations as Observations
+from scp_planner.scenario.obstacles import Obstacle as Obstacle
+from scp_planner.scenario.obstacles import Prior as Prior
+from scp_planner.scenario.process_model import read_processes
+from scp_planner.scenario.targets import Target, as_target
 from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
-from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, Rate, RateNumber, Text, Vector
+from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, RateNumber, Text, Vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -118,11 +121,12 @@ class Goal(Part):
         goal_checks.region_is_simple,
         goal_checks.goal_is_told_once,
         goal_checks.ranges_are_not_empty,
+        goal_checks.target_leaves_the_rest_open,
     )
 
     position: OfNumbers[Vector] = Field(
         description="[x, y], m; in a region, if one is given, or beside it by vehicle.centre; or left out: then just"
-        " inside it, where it is nearest"
+        " inside it, where it is nearest; of a target left out: about where it can be met"
     )
     heading: Number | None = Field(default=None, description="rad; null: free")
     speed: NotNegative | None = Field(default=None, description="m/s; null: free")
@@ -149,6 +153,17 @@ class Goal(Part):
     latest_arrival: Number | None = Field(
         default=None,
         description="not after this time, to 1e-7 of the travel time, s on the clock of start.time; null: any",
+    )
+    target: TakenAs[Annotated[Target | None, BeforeValidator(as_target)], Target | Mapping[str, Any] | str | None] = (
+        by_default(
+            None,
+            description="what moves and is to be met: {motion: ...}, {course: ...}, {observations: ...} or"
+            " {estimate: ...}, as of an obstacle, or the id of one; null: the goal stands",
+        )
+    )
+    offset: OfNumbers[Vector] = by_default((0.0, 0.0), description="place to meet, seen from the target, [x, y], m")
+    match_velocity: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="arrive with the velocity of the target"
     )
 
 
@@ -200,123 +215,6 @@ class Confidence(Part):
     level: TakenAs[ConfidenceLevel, ConfidenceLevel | str] = by_default(ConfidenceLevel.JOINT)
 
 
-class Observations(Part):
-    """Noisy positions of one obstacle."""
-
-    rules: ClassVar[tuple[Rule, ...]] = (
-        obstacle_checks.times_increase,
-        obstacle_checks.one_position_a_time,
-        obstacle_checks.covariance_is_one_or_each,
-        obstacle_checks.covariance_is_definite,
-    )
-
-    time: OfNumbers[Row[Number]] = Field(description="s, increasing")
-    position: OfNumbers[Row[Vector]] = Field(description="[[x, y], ...], m, one for each time")
-    covariance: TakenAs[Covariance | None, Numbers | None] = by_default(
-        None, description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated"
-    )
-
-
-class Prior(Part):
-    """Independent normal priors of velocity and acceleration at the time of the last observation."""
-
-    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_says_something,)
-
-    velocity: OfNumbers[Rate] = by_default((0.0, 0.0), description="expected [x, y], m/s")
-    velocity_deviation: Positive | None = Field(default=None, description="of each component, m/s; null: unknown")
-    acceleration: OfNumbers[Rate] = by_default((0.0, 0.0), description="expected [x, y], m/s2")
-    acceleration_deviation: Positive | None = Field(default=None, description="of each component, m/s2; null: unknown")
-
-
-class Model(Part):
-    """Motion model that the estimate assumes.
-
-    Where one is wanted, the name of a ready-made one will do: pedestrian, cyclist, car, ship or drone.
-    """
-
-    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_or_process,)
-
-    order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
-        default=2, description="0 standing, 1 constant velocity, 2 constant acceleration"
-    )
-    prior: OfParts[Prior | None] = by_default(None, description="of velocity and acceleration; null: none")
-    manoeuvre: NotNegative = Field(
-        default=0.0,
-        description="standard deviation of each component of a change of acceleration that may begin with the last"
-        " observation, m/s2",
-    )
-    process: TakenAs[
-        Annotated[ProcessModel | None, BeforeValidator(ready_made.process_by_name)],
-        ProcessModel | Mapping[str, Any] | str | None,
-    ] = by_default(
-        None,
-        description="motion with process noise in place of order and prior, or the name of its file beside this"
-        " one, or of a ready-made one; null: none",
-        json_schema_extra=also_a_file_name,
-    )
-
-    @classmethod
-    def named(cls, name: str) -> Self:
-        """Give a ready-made model, fitted to recorded tracks or from published figures.
-
-        Parameters
-        ----------
-        name : str
-            ``"pedestrian"``, ``"cyclist"``, ``"car"``, ``"ship"`` or ``"drone"``.
-
-        Returns
-        -------
-        Model
-
-        Raises
-        ------
-        ValueError
-            If there is none of that name.
-        """
-        return cls(process=ready_made.ready_made(name))
-
-
-class Obstacle(Part):
-    """Something to keep clear of: its shape, and its motion, observations of it, or what a tracker says of it."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [
-                {
-                    "required": [key],
-                    "properties": {
-                        each: {"type": "object" if each == key else "null"} for each in obstacle_checks.WHEREABOUTS
-                    },
-                }
-                for key in WHEREABOUTS
-            ]
-        }
-    )
-    rules: ClassVar[tuple[Rule, ...]] = (
-        obstacle_checks.one_of_the_whereabouts,
-        obstacle_checks.enough_observations,
-        obstacle_checks.no_prior_of_an_estimate,
-    )
-
-    id: Text = Field(description="text, unique")
-    shape: OfParts[Shape] = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
-    motion: OfParts[GivenMotion | None] = by_default(
-        None, description="known exactly, or predicted; {futures: [...]}: several that are possible"
-    )
-    observations: OfParts[Observations | None] = by_default(None, description="from which the motion is estimated")
-    estimate: OfParts[Estimate | None] = by_default(
-        None, description="what a tracker says, from which the motion is foretold"
-    )
-    model: TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str] = (
-        by_default(
-            Model(),
-            description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
-            json_schema_extra=ready_made.or_its_name,
-        )
-    )
-    margin: NotNegative = Field(default=0.0, description="extra clearance, m")
-
-
 def _check_count(path: str | PathLike[str]) -> None:
     """Refuse a file of far more obstacles than a trip can be planned among, before it is parsed."""
     if Path(path).stat().st_size < MOST_OBSTACLES * len(_SHAPE):
@@ -347,6 +245,7 @@ class Scenario(Part):
     rules: ClassVar[tuple[Rule, ...]] = (
         checks.version_is_known,
         goal_checks.goal_is_elsewhere,
+        goal_checks.target_is_known,
         goal_checks.goal_position_is_at_its_region,
         checks.start_speed_is_allowed,
         goal_checks.goal_speed_is_allowed,
@@ -416,6 +315,18 @@ class Scenario(Part):
     def _aimed(cls, data: Any) -> Any:
         """Fill in where a goal that is a region is aimed at; what is faulty is left to the checks."""
         return with_aim(data)
+
+    @field_validator("goal")
+    @classmethod
+    def _target_timed(cls, goal: Goal, info: ValidationInfo) -> Goal:
+        """A target whose motion does not say when it holds, is there at the start."""
+        start, target = info.data.get("start"), goal.target
+        if start is None or target is None or target.motion is None:
+            return goal
+        motion = timed(target.motion, start.time)
+        if motion is target.motion:
+            return goal
+        return goal.model_copy(update={"target": target.model_copy(update={"motion": motion})})
 
     @field_validator("obstacles")
     @classmethod

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Goal, Model, Obstacle, Prior, Scenario, SpeedLimit, Start, Vehicle
     from scp_planner.scenario.motions import Futures, GivenMotion, Motion
     from scp_planner.scenario.shapes import PolygonShape, Shape
+    from scp_planner.scenario.targets import Target
     from scp_planner.scenario.validation import Part
 
 AnyPart = TypeVar("AnyPart", bound="Part")
@@ -174,11 +175,22 @@ class NaturalUnits(Units):
             position=self.place(goal.position),
             speed=over(goal.speed, self.speed),
             radius=goal.radius / self.length,
+            target=None if goal.target is None else self._target(goal.target),
+            offset=over(goal.offset, self.length),
             region=self._line(goal.region),
             speed_range=over(goal.speed_range, self.speed),
             arrival_step=over(goal.arrival_step, self.time),
             earliest_arrival=None if goal.earliest_arrival is None else self.instant(goal.earliest_arrival),
             latest_arrival=None if goal.latest_arrival is None else self.instant(goal.latest_arrival),
+        )
+
+    def _target(self, target: Target) -> Target:
+        return changed(
+            target,
+            motion=None if target.motion is None else self.motion(target.motion),
+            observations=None if target.observations is None else self._seen(target.observations),
+            estimate=None if target.estimate is None else self.estimate(target.estimate),
+            model=self.model(target.model),
         )
 
     def _speed_limit(self, limit: SpeedLimit) -> SpeedLimit:

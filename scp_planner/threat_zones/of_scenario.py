@@ -23,7 +23,7 @@ from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
@@ -72,7 +72,7 @@ def taken_for_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequenc
     for obstacle in obstacles:
         # most are discs, whose zones need not be made for this
         shape = obstacle.shape
-        if isinstance(shape, Rectangle | Ellipse) and is_taken_for_a_disc(shape, several[obstacle.id]):
+        if obstacle.id in several and is_taken_for_a_disc(shape, several[obstacle.id]):
             kind, radius = type(shape).__name__.lower(), covering_radius(shape)
             yield f"{obstacle.id}: taken for a disc of {radius:.3g} m, the heading of its {kind} is not known"
 
@@ -81,6 +81,7 @@ class ZonesOf(SortedZones):
     """The zones of a scenario in its natural units, each made when it is asked for."""
 
     def __init__(self, scenario: Scenario, go_on: GoOn | None = None) -> None:
+        scenario = _without_whom_it_meets(scenario)
         found, others = _sorted_out(scenario.obstacles)
         self._obstacles = scenario.obstacles
         self._confidence = scenario.confidence
@@ -126,6 +127,18 @@ class ZonesOf(SortedZones):
                 obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, self._confidence
             )
         return self._made[index]
+
+
+def _without_whom_it_meets(scenario: Scenario) -> Scenario:
+    """Leave out the obstacle that is the goal's target, where the vehicle is to come as near as to touch it."""
+    goal = scenario.goal
+    met = None if goal.target is None else goal.target.obstacle
+    for number, one in enumerate(scenario.obstacles):
+        if one.id == met:
+            touching = scenario.vehicle.radius + goal.radius + one.margin + covering_radius(one.shape)
+            if hypot(*goal.offset) <= touching:
+                return changed(scenario, obstacles=(*scenario.obstacles[:number], *scenario.obstacles[number + 1 :]))
+    return scenario
 
 
 def _first_of_each(obstacles: int, made: Mapping[int, Sequence[ThreatZone]]) -> Index:
