@@ -110,9 +110,8 @@ def settle(figure: Figure) -> None:
             axes.set_position((left, bottom, width, height), which=which)
 
 
-def finish(figure: Figure, path: str | PathLike[str] | None) -> Figure:
-    """Settle a figure, and save it if it is to be: whole or not at all, and without the date, as the same file."""
-    settle(figure)
+def save(figure: Figure, path: str | PathLike[str] | None) -> Figure:
+    """Save a figure, if there is a path, whole or not at all; without the date: the same figure is the same file."""
     if path is None:
         return figure
     suffix = check_suffix(path, FIGURE_SUFFIXES)
@@ -120,6 +119,12 @@ def finish(figure: Figure, path: str | PathLike[str] | None) -> Figure:
     with replacing(path) as temporary:
         figure.savefig(temporary, format=suffix.removeprefix("."), metadata=dateless.get(suffix))
     return figure
+
+
+def finish(figure: Figure, path: str | PathLike[str] | None) -> Figure:
+    """Settle a figure, and save it."""
+    settle(figure)
+    return save(figure, path)
 
 
 def limit_times(axes: Axes, recording: Recording) -> None:

@@ -266,6 +266,4 @@ def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None 
         nominal = results[0].nominal
         low, high = min(r.low for r in results), max(r.high for r in results)
         grid[0, 0].set_ylim(min(low, nominal - 0.01), max(high, min(1.0, nominal + 0.03)))
-        if path is not None:
-            save(figure, path)
-    return figure
+        return save(figure, path)

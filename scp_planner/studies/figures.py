@@ -45,9 +45,7 @@ def plot_consistency(result: ConsistencyResult, path: str | PathLike[str] | None
             row[0].set_ylabel(f"zones: {kind.value}\n{row[0].get_ylabel()}")
         for axes in panels[-1]:
             axes.set_xlabel("observations n")
-        if path is not None:
-            save(figure, path)
-    return figure
+        return save(figure, path)
 
 
 def _draw_metric(axes: Axes, result: ConsistencyResult, kind: ZoneKind, metric: Metric) -> None:
@@ -91,9 +89,7 @@ def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None 
             axes.set_xlabel("acceleration a above the border (m/s²)")
             axes.set_ylabel(text)
         left.legend()
-        if path is not None:
-            save(figure, path)
-    return figure
+        return save(figure, path)
 
 
 def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = None) -> Figure:
@@ -112,9 +108,7 @@ def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = 
         _draw_outcomes(outcome, trials, methods)
         handles, labels = by_time.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        if path is not None:
-            save(figure, path)
-    return figure
+        return save(figure, path)
 
 
 def _draw_convergence(axes: Axes, trials: Sequence[Trial], methods: Sequence[Method], against: str) -> None:
