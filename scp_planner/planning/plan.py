@@ -441,10 +441,6 @@ class Plan:
             check_samples(reader.part("samples"), trip, lambda name, times: getattr(plan, name)(times))
         return plan
 
-    def with_status(self, status: PlanStatus, reason: str | None) -> Plan:
-        """Return the same plan with another verdict."""
-        return replace(self, status=status, reason=reason, stated_status=None)
-
     def verified(self, scenario: Scenario, *, tube: TrackingTube | None = None) -> Self:
         """Return the same plan with what :func:`scp_planner.certify` says of it, whatever was said before.
 
