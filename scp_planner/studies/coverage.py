@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -195,16 +193,6 @@ def _coverage(case: _Case, level: str, lead: float, inside: int, runs: int, scal
 def save_csv(results: Sequence[Coverage], path: str | PathLike[str]) -> None:
     """Write results as CSV, whole or not at all; floats keep every bit."""
     write_rows(path, [field.name for field in fields(Coverage)], map(asdict, results))
-
-
-def load_csv(path: str | PathLike[str]) -> list[Coverage]:
-    """Read what `save_csv` wrote."""
-    with Path(path).open(newline="", encoding="utf-8") as file:
-        kinds = {"level": str, "covariance": str, "order": int, "observations": int, "obstacles": int, "runs": int}
-        return [
-            Coverage(**{name: kinds.get(name, float)(value) for name, value in row.items()})
-            for row in csv.DictReader(file)
-        ]
 
 
 def summary(results: Sequence[Coverage]) -> str:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import csv
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,6 @@ from typer.testing import CliRunner
 from scp_planner.cli import app
 from scp_planner.studies.coverage import (
     Coverage,
-    load_csv,
     measure_coverage,
     plot_coverage,
     save_csv,
@@ -119,7 +120,10 @@ def test_wilson_interval(successes: int, runs: int) -> None:
 def test_results_are_saved_exactly_and_drawn(tmp_path: Path) -> None:
     results = measure_coverage(runs=100, counts=(6, 20))
     save_csv(results, tmp_path / "coverage.csv")
-    assert repr(load_csv(tmp_path / "coverage.csv")) == repr(results)
+    with (tmp_path / "coverage.csv").open(newline="") as file:
+        assert list(csv.DictReader(file)) == [
+            {key: str(value) for key, value in asdict(one).items()} for one in results
+        ]
     figure = plot_coverage(results, tmp_path / "coverage.svg")
     assert (tmp_path / "coverage.svg").stat().st_size > 10_000
     assert [axes.get_title() for axes in figure.axes] == [
@@ -194,6 +198,7 @@ def test_command(tmp_path: Path) -> None:
         "coverage.png",
         "recorded.csv",
     ]
-    assert {row.nominal for row in load_csv(tmp_path / "out" / "coverage.csv")} == {0.9}
+    with (tmp_path / "out" / "coverage.csv").open(newline="") as file:
+        assert {row["nominal"] for row in csv.DictReader(file)} == {"0.9"}
     assert (tmp_path / "out" / "recorded.csv").read_text().startswith("data,model,level,fold,lead_time")
     assert "per_obstacle estimated" in told.stdout and "quadratic, inflated" in told.stdout

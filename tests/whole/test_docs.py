@@ -288,6 +288,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return site
 
 
+@pytest.mark.slow
 def test_the_site_is_whole_and_fetches_nothing(built: Path) -> None:
     page = (built / "index.html").read_text(encoding="utf-8")
     reference = "".join(page.read_text(encoding="utf-8") for page in (built / "reference").glob("*.html"))
