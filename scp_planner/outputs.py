@@ -23,6 +23,8 @@ OUTPUTS = {
     "run export": "scp_planner.export.files:export_run",
     "run plot": "scp_planner.plotting.views:plot_run_view",
     "run draw": "scp_planner.plotting.views:draw_run",
+    "run recorded": "scp_planner.simulation.recorder:load_recording",
+    "planner record": "scp_planner.simulation.recorder:Recorder",
     "run recording": "scp_planner.plotting.run_recording:record_run",
 }
 

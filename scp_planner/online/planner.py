@@ -7,6 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from os import PathLike
 from time import perf_counter
 from typing import Any
 
@@ -31,6 +32,7 @@ from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
+from scp_planner.outputs import output_named
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
@@ -74,6 +76,8 @@ class Planner:
     doubts : deque of str
         Which assumptions of what was promised of the last plan did not hold, the newest last; clocks of sensors that
         are ahead of that of the replans, and speeds above the limit.
+    listeners : list
+        Recorders that are told of obstacles, observations and replans.
     tube : TrackingTube or None
         What a vehicle that drives may be off besides; the vehicle of `scenario` is larger by what it may be off when it
         stands.
@@ -132,6 +136,7 @@ class Planner:
         self._clock: float | None = None
         self._cycle = 0
         self._speeding = False
+        self.listeners: list[Any] = []
         self._overrun = 0.0  # s that replans take beyond where they are to end
 
     @property
@@ -195,6 +200,8 @@ class Planner:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
         self._inbox.put(Sighting(obstacle, units.instant(float(time)), units.place(place), noise))
+        for each in self.listeners:
+            each.observed(obstacle, time, place, covariance)
 
     def update_obstacle(
         self,
@@ -232,6 +239,8 @@ class Planner:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
         self._inbox.put(Update(obstacle, self._units.estimate(given)))
+        for each in self.listeners:
+            each.observed(obstacle, time, given.position, covariance)
 
     def update_motion(self, obstacle: str, motion: GivenMotion | Mapping[str, Any]) -> None:
         """Take in a new prediction for a known obstacle: it replaces all that was known of its motion.
@@ -296,6 +305,8 @@ class Planner:
             if whole.motion is not None:
                 whole = whole.model_copy(update={"motion": self._inbox.timed(whole.id, whole.motion)})
             self._obstacles.add(self._units.obstacle(whole))
+            for each in self.listeners:
+                each.added(whole.id, whole.shape)
             return
         still = {"position": [0.0, 0.0], "time": 0.0}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
@@ -307,6 +318,8 @@ class Planner:
             else checked_covariance(covariance, self._units) / (self._units.length * self._units.length)
         )
         self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
+        for each in self.listeners:
+            each.added(obstacle, self._units.inverse.obstacle(checked).shape)
 
     def _check_new(self, name: str) -> None:
         if name in self._obstacles.tracks:
@@ -397,8 +410,32 @@ class Planner:
         self._clock = float(time)
         self._cycle += 1
         self.plan = plan.outside(self._units)
-        self._overrun = max(REPLAN.overrun_kept * self._overrun, perf_counter() - max(end, began))
+        ended = perf_counter()
+        self._overrun = max(REPLAN.overrun_kept * self._overrun, ended - max(end, began))
+        for each in self.listeners:
+            each.replanned(time, _point("position", position), heading, speed, ended - began)
         return self.plan
+
+    def record(self, path: str | PathLike[str]) -> Any:
+        """Record what the planner is told and answers, until the context that this returns is left.
+
+        Parameters
+        ----------
+        path : path
+            .jsonl: a line a replan, written at once. `scp_planner.Run.load` reads it, also after a crash, for pictures,
+            the viewer and exports.
+
+        Returns
+        -------
+        scp_planner.simulation.recorder.Recorder
+            To be used in a ``with`` statement.
+
+        Raises
+        ------
+        ValueError
+            If the suffix is another one.
+        """
+        return output_named("planner record")(self, path)
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
         yield from self._assumptions.broken(now.moment, self._last)

@@ -131,7 +131,7 @@ class Run:
                 },
             },
             "records": [record_to_dict(record) for record in self.records],
-            "plans": [_plan_to_dict(plan) for plan in self.plans],
+            "plans": [plan_to_dict(plan) for plan in self.plans],
             "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
         }
 
@@ -141,11 +141,12 @@ class Run:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a run file.
+        """Read a run file, or a recording of :meth:`scp_planner.Planner.record`.
 
         Parameters
         ----------
         path : path
+            .jsonl: a recording.
 
         Returns
         -------
@@ -157,6 +158,9 @@ class Run:
             If it is not one.
         """
         name = str(path)
+        if name.lower().endswith(".jsonl"):
+            found: Self = output_named("run recorded")(path)
+            return found
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
             course = data["course"]
@@ -177,8 +181,8 @@ class Run:
                     key: np.array([[np.nan, np.nan] if place is None else place for place in center])
                     for key, center in course["obstacles"].items()
                 },
-                plans=tuple(_plan_from_dict(plan, name) for plan in data["plans"]),
-                shapes={key: _shape_from_dict(shape) for key, shape in data["shapes"].items()},
+                plans=tuple(plan_from_dict(plan, name) for plan in data["plans"]),
+                shapes={key: shape_from_dict(shape) for key, shape in data["shapes"].items()},
             )
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
@@ -234,7 +238,8 @@ class Run:
         return output_named("run recording")(self, frames_per_second, times)
 
 
-def _plan_to_dict(plan: Plan) -> dict[str, Any]:
+def plan_to_dict(plan: Plan) -> dict[str, Any]:
+    """Return a plan of a run, as small as it may be."""
     data = plan.to_dict(samples=21)
     data["wall_time"] = 0.0  # not the same in two runs
     if isinstance(plan, OnlinePlan):
@@ -242,7 +247,7 @@ def _plan_to_dict(plan: Plan) -> dict[str, Any]:
     return data
 
 
-def _plan_from_dict(data: dict[str, Any], name: str) -> Plan:
+def plan_from_dict(data: dict[str, Any], name: str) -> Plan:
     plan = Plan.from_dict(data, name)
     if "outcome" not in data:
         return plan
@@ -250,5 +255,5 @@ def _plan_from_dict(data: dict[str, Any], name: str) -> Plan:
     return OnlinePlan(**fields, outcome=Outcome(data["outcome"]))
 
 
-def _shape_from_dict(data: dict[str, Any]) -> Shape:
+def shape_from_dict(data: dict[str, Any]) -> Shape:
     return Obstacle.model_validate({"id": "any", "shape": data, "motion": {"position": [0.0, 0.0]}}).shape

@@ -1,0 +1,181 @@
+"""Recorder of a loop of one's own: each replan is a line of a file as soon as it is made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+import numpy as np
+
+from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.scenario.models import Scenario
+from scp_planner.simulation.cycle import Cycle, ZoneRecord, record_from_dict, record_to_dict
+from scp_planner.simulation.run import Run, plan_from_dict, plan_to_dict, shape_from_dict
+from scp_planner.simulation.sensors import Observation
+
+if TYPE_CHECKING:
+    from scp_planner.online.plan import OnlinePlan
+    from scp_planner.online.planner import Planner
+    from scp_planner.threat_zones.zone import ThreatZone
+
+RECORDING_SUFFIX = ".jsonl"
+
+
+@dataclass(frozen=True)
+class State:
+    """State of the vehicle at a replan."""
+
+    time: float  # s
+    position: tuple[float, float]  # m
+    heading: float  # rad
+    speed: float  # m/s
+    wall_time: float  # s
+
+
+class Recorder:
+    """Write what a planner is told and answers, line by line, so that a crash costs at most the last lines.
+
+    Another thread writes: a replan waits for nothing.
+
+    Parameters
+    ----------
+    planner : Planner
+    path : path, optional
+        .jsonl; `Run.load` reads it. None: the lines are kept in memory alone.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    """
+
+    def __init__(self, planner: Planner, path: str | PathLike[str] | None = None) -> None:
+        if path is not None and Path(path).suffix.lower() != RECORDING_SUFFIX:
+            raise ValueError(f"{path}: must end in {RECORDING_SUFFIX}")
+        self._planner, self._path = planner, path
+        self._file: TextIO | None = None
+        self._seen: list[Observation] = []
+        self._writer = ThreadPoolExecutor(max_workers=1)
+        self._error: OSError | None = None
+        self.lines: list[dict[str, Any]] = []
+        """The lines so far of a recording that has no file."""
+
+    def __enter__(self) -> Self:
+        """Begin with the scenario."""
+        if self._path is not None:
+            self._file = open(self._path, "w", encoding="utf-8", newline="\n")
+        self._writer.submit(self._write, {"schema": 1, "scenario": self._planner.scenario.to_dict()})
+        self._planner.listeners.append(self)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the recording; the planner goes on without it. What could not be written is told now."""
+        self._planner.listeners.remove(self)
+        self._writer.shutdown()
+        if self._file is not None:
+            self._file.close()
+        if self._error is not None and error is None:
+            raise self._error
+
+    def added(self, obstacle: str, shape: Any) -> None:
+        """Note an obstacle that the planner is told of."""
+        self._writer.submit(self._write, {"obstacle": obstacle, "shape": shape.model_dump(mode="json")})
+
+    def observed(self, obstacle: str, time: float, position: tuple[float, float], covariance: Any) -> None:
+        """Note a position, m, that was observed or reported at a time, s; it is written with the next replan."""
+        deviation = 0.0 if covariance is None else float(np.sqrt(np.trace(np.asarray(covariance)[:2, :2]) / 2.0))
+        self._seen.append(Observation(obstacle, float(time), float(time), position, deviation))
+
+    def replanned(
+        self, time: float, position: tuple[float, float], heading: float | None, speed: float, wall_time: float
+    ) -> None:
+        """Write a replan in a state, in s, m, rad and m/s: what was observed since the last one, the zones, the plan."""
+        plan, seen = self._planner.plan, tuple(self._seen)
+        assert plan is not None
+        del self._seen[: len(seen)]
+        direction = float(plan.heading(time) if heading is None else heading)
+        state = State(float(time), position, direction, float(speed), wall_time)
+        self._writer.submit(self._write_replan, state, seen, self._planner.zones, plan)
+
+    def _write_replan(
+        self, state: State, seen: tuple[Observation, ...], zones: tuple[ThreatZone, ...], plan: OnlinePlan
+    ) -> None:
+        cycle = Cycle(
+            time=state.time,
+            position=state.position,
+            heading=state.heading,
+            speed=state.speed,
+            outcome=str(plan.outcome),
+            status=str(plan.status),
+            certified=plan.certified,
+            safe=plan.safe,
+            reason=plan.reason or "",
+            arrival_time=plan.arrival_time,
+            iterations=plan.iterations,
+            observations=seen,
+            zones=tuple(ZoneRecord.of(zone) for zone in zones),
+            truth=(),
+            clearance=np.inf,
+        )
+        told = {"cycle": record_to_dict(cycle), "plan": plan_to_dict(plan), "arrived": plan.arrived}
+        self._write({**told, "wall_time": state.wall_time, "timings": plan.timings})
+
+    def run(self) -> Run:
+        """Give what was recorded in memory as a run."""
+        return run_of(self.lines, "recording")
+
+    def _write(self, line: dict[str, Any]) -> None:
+        if self._file is None:
+            self.lines.append(line)
+            return
+        try:
+            self._file.write(json.dumps(line, allow_nan=False) + "\n")
+            self._file.flush()
+        except OSError as error:
+            self._error = error
+
+
+def load_recording(path: str | PathLike[str]) -> Run:
+    """Read a recording as a run; a last line that is not whole is left out."""
+    lines: list[dict[str, Any]] = []
+    for text in Path(path).read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            lines.append(json.loads(text))
+        except json.JSONDecodeError:
+            break
+    return run_of(lines, str(path))
+
+
+def run_of(lines: Iterable[Mapping[str, Any]], name: str) -> Run:
+    """Make a run of the lines of a recording: what was driven is known at the replans, true obstacles are not."""
+    first, *rest = lines or [{}]
+    told = [line for line in rest if "cycle" in line]
+    if "scenario" not in first or not told:
+        raise PlanError(name, [Fault("", MISSING, "not a recording, or one without any replan")])
+    cycles = tuple(record_from_dict({**line["cycle"], "wall_time": line["wall_time"]}) for line in told)
+    time = np.array([cycle.time for cycle in cycles])
+    return Run(
+        scenario=Scenario.model_validate(first["scenario"]),
+        seed=0,
+        arrived=bool(told[-1]["arrived"]),
+        contact=False,
+        contact_standing=False,
+        travel_time=float(time[-1] - time[0]),
+        least_clearance=np.inf,
+        records=cycles,
+        time=time,
+        position=np.array([cycle.position for cycle in cycles]),
+        heading=np.array([cycle.heading for cycle in cycles]),
+        speed=np.array([cycle.speed for cycle in cycles]),
+        obstacles={},
+        plans=tuple(plan_from_dict(line["plan"], name) for line in told),
+        shapes={line["obstacle"]: shape_from_dict(line["shape"]) for line in rest if "shape" in line},
+    )
