@@ -10,7 +10,7 @@ May import everything. Begin with `application`, then the commands: `trips`, `ma
 
 from __future__ import annotations
 
-from scp_planner.cli import listings, made, many, studies, trips
+from scp_planner.cli import listings, made, many, replays, studies, trips
 from scp_planner.cli.application import ExitCode, add_command, app, main, study_app
 
 __all__ = ["ExitCode", "app", "main"]
@@ -63,6 +63,13 @@ add_command(
     made.export,
     "scp-planner export plan.json -o plan.csv",
     "scp-planner export plan.json -o plan.mcap --frame odom",
+)
+add_command(
+    app,
+    "replay",
+    replays.replay,
+    "scp-planner replay drive.mcap --goal 12,0",
+    "scp-planner replay drive --goal 12,0 --scenario robot.yaml --deadline 0.05 -o run.json --plot run.html",
 )
 add_command(app, "schema", listings.schema, "scp-planner schema > scenario.schema.json")
 add_command(app, "settings", listings.settings, "scp-planner settings", "scp-planner settings path_span")

@@ -27,6 +27,7 @@ _UNITS = {
     "time_of_least_clearance": "s",
     "wall_time": "s",
     "median_replan_time": "s",
+    "longest_replan_time": "s",
     "diffusion": "m2/s3",
     "time_constant": "s",
     "deviation": "m/s2",

@@ -97,7 +97,7 @@ class Recorder:
     def replanned(
         self, time: float, position: tuple[float, float], heading: float | None, speed: float, wall_time: float
     ) -> None:
-        """Write a replan in a state, in s, m, rad and m/s: what was observed since the last one, the zones, the plan."""
+        """Write a replan in a state, in s, m, rad and m/s: what was observed before, the zones, the plan."""
         plan, seen = self._planner.plan, tuple(self._seen)
         assert plan is not None
         del self._seen[: len(seen)]

@@ -58,7 +58,8 @@ def test_a_recording_is_read_as_a_run(recorded: Path) -> None:
     assert all(cycle.wall_time > 0.0 for cycle in run.records)
     assert {zone.id for zone in run.records[-1].zones} == {"far", "seen"}
     (seen,) = run.records[2].observations
-    assert (seen.obstacle, seen.position, seen.time) == ("seen", (12.0 - 0.5 * 0.2, 2.0), pytest.approx(0.2))
+    assert seen.obstacle == "seen" and seen.time == pytest.approx(0.2)
+    assert seen.position == pytest.approx((12.0 - 0.5 * 0.2, 2.0))
     shape = run.shapes["seen"]
     assert isinstance(shape, sp.Rectangle) and shape.rectangle == (0.6, 0.4)
     for plan, now in zip(run.plans, run.time, strict=True):

@@ -61,6 +61,7 @@ NOT_RUN = (  # commands that need the network, minutes, or the checkout's own to
     r"scp-planner export \S+ -o \S+\.mcap .*",
     r"scp-planner batch .* --dask .*",
     r"scp-planner plan \S+\.xml .*",
+    r"scp-planner replay .*",
 )
 LANGUAGES_WITHOUT_CODE = {"text", "yaml", "json", "math"}
 
@@ -211,6 +212,8 @@ def test_the_gallery_shows_every_example() -> None:
     text = (DOCS / "gallery.md").read_text(encoding="utf-8")
     for example in (ROOT / "examples").glob("*.py"):
         assert f"examples/{example.name}" in text
+        if "--output" not in example.read_text(encoding="utf-8"):
+            continue  # it draws nothing
         assert re.search(rf"\(figures/gallery/{example.stem}\.\w+\)", text), f"no figure of {example.name}"
 
 

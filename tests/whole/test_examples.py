@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
+import math
 import os
 import re
 import subprocess
@@ -37,7 +38,7 @@ def run_script(name: str, figure: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "ros2_node"))
 def test_without_its_extra_an_example_names_it(name: str, tmp_path: Path) -> None:
     """Packages that come with extras cannot be imported, and there are no data."""
     hidden = "import sys; sys.modules.update(dict.fromkeys(('matplotlib', 'rosbags', 'irsim'), None)); "
@@ -48,6 +49,37 @@ def test_without_its_extra_an_example_names_it(name: str, tmp_path: Path) -> Non
     done = subprocess.run([sys.executable, "-c", hidden + start], env=environment, capture_output=True, text=True)
     assert done.returncode in (0, 1, 2) and "Traceback" not in done.stderr, done.stderr
     assert done.returncode == 0 or "pip install 'scp-planner[" in done.stderr or "save it as" in done.stderr
+
+
+def test_without_ros_the_node_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert load("ros2_node").main([]) == 2
+    assert "source a workspace of ROS 2" in capsys.readouterr().err
+
+
+def test_the_node_drives_to_its_goal_past_a_walker() -> None:
+    """By the messages that it takes, of a robot that does what it is commanded."""
+    pytest.importorskip("rosbags")
+    from tracked_messages import autoware, odometry
+
+    node = load("ros2_node")
+    loop = node.Loop((6.0, 0.0), deadline=None)
+    assert loop.replan() is None
+    x, y, heading, speed, time, step = 0.0, 0.0, 0.0, 0.0, 0.0, 0.1
+    nearest = math.inf
+    while time < 20.0:
+        walker = (3.0, -2.0 + 0.8 * time)
+        loop.take_odometry(odometry(time, (x, y), heading, speed))
+        loop.take_objects(autoware(time, walker, (0.0, 0.8)))
+        plan = loop.replan()
+        assert plan is not None and loop.replan() is None
+        if plan.arrived:
+            break
+        speed, turning = node.command(plan, time, step)
+        heading += step * turning
+        x, y, time = x + step * speed * math.cos(heading), y + step * speed * math.sin(heading), time + step
+        nearest = min(nearest, math.dist((x, y), walker))
+    assert math.dist((x, y), (6.0, 0.0)) < 0.3
+    assert nearest > 0.8
 
 
 def assert_is_picture(path: Path) -> None:
