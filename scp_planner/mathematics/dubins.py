@@ -20,6 +20,7 @@ class Arcs:
 
 
 ARCS = Arcs()
+SAME_LENGTH = 1e-9  # radii; a path that is so little shorter is none
 
 
 @dataclass(frozen=True)
@@ -32,16 +33,35 @@ class Pose:
 
 def shortest_path(start: Pose, goal: Pose, radius: float) -> Array:
     """Return points of the shortest path whose arcs have a radius, (n, 2) m."""
-    best: tuple[float, float, str, tuple[float, float, float]] | None = None
+    best: DubinsPath | None = None
+    for path in shortest_paths(start, goal, radius).values():
+        if best is None or path.length < best.length - SAME_LENGTH * radius:
+            best = path
+    assert best is not None, "two pairs of equal turns and a straight piece between them always lead there"
+    return best.points
+
+
+@dataclass(frozen=True)
+class DubinsPath:
+    """A path of arcs and straight pieces: its length, m, and its points, (n, 2) m."""
+
+    length: float
+    points: Array
+
+
+def shortest_paths(start: Pose, goal: Pose, radius: float) -> dict[str, DubinsPath]:
+    """Return the shortest path of each word, such as LSR: left, straight, right."""
+    best: dict[str, tuple[float, float, tuple[float, float, float]]] = {}
     for first in _headings(start):
         for last in _headings(goal):
             for word, pieces in _words(start.position, first, goal.position, last, radius):
                 length = sum(pieces)
-                if best is None or length < best[0] - 1e-9:
-                    best = (length, first, word, pieces)
-    assert best is not None, "two pairs of equal turns and a straight piece between them always lead there"
-    _, heading, word, pieces = best
-    return _points(start.position, heading, word, pieces, radius)
+                if word not in best or length < best[word][0] - SAME_LENGTH:
+                    best[word] = (length, first, pieces)
+    return {
+        word: DubinsPath(length * radius, _points(start.position, heading, word, pieces, radius))
+        for word, (length, heading, pieces) in best.items()
+    }
 
 
 def _headings(pose: Pose) -> list[float]:

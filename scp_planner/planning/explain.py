@@ -33,6 +33,7 @@ class Report:
     most_culprits: int = 4
     most_named: int = 3  # Number of alike obstacles that are named
     touching: float = 0.1  # of the vehicle's radius
+    late_stop: float = 2.0  # times to a stop, in which a violation may come from what is straight ahead
     trip_looks: int = 65  # at times of a trip
 
 
@@ -216,7 +217,7 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
     if start.heading is None or start.speed == 0.0:
         return
     stop = start.speed / vehicle.max_deceleration
-    if violation.time > start.time + stop:
+    if violation.time > start.time + REPORT.late_stop * stop:
         return
     after = np.linspace(0.0, stop, REPORT.trip_looks)
     driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2

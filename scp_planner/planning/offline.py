@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -11,13 +11,13 @@ import numpy as np
 
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.attempts import Attempt
+from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide
+from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.meeting_search import MeetingSearch
-from scp_planner.planning.other_guides import FastestGuide
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refinements
+from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import ways_round
@@ -117,58 +117,91 @@ def planned(
         solver = "cvxpy"
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
+    call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough)
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
-    limit = np.inf if time_limit is None else time_limit
-    last_check = began + (1.0 + CHECKING) * limit + LEAST_CHECKING
-    go_on = asked_for_time(limit, began)
-    inside = units.scenario(scenario, go_on)
-    any_time = at_any_time(inside)
-    found = ZonesOf(any_time, go_on)
-    tell_of_discs(scenario.obstacles, found.of_others)
-    task = Task(
-        any_time,
-        found,
-        for_scene(settings, units),
-        began + limit,
-        last_check,
-        own_solver=solver,
-        given=None if constraints is None else OwnConstraints(constraints, units),
-        arrival_step=inside.goal.arrival_step,
-        thorough=thorough,
-    )
+    inside, task = call.task(units)
+    assert isinstance(task.threat_zones, ZonesOf)
+    tell_of_discs(scenario.obstacles, task.threat_zones.of_others)
     target = TargetMotion.of(inside)
     if target is not None:
         least = kinematic_bound(inside)
-        return _told(scenario, least, MeetingSearch(task, any_time, target, least, _fastest).run(), units, began)
-    search = _searched(task)
+        return _told(scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, began)
+    runs = CheckedRuns(task)
+    routes = None if constraints is not None else Routes.of(runs.everything, task.deadline)
+    first = None if routes is None else routes.first_beside(runs.everything.space.guide)
+    if first is None:
+        search = TripSearch(with_short_spans(runs, bends=routes is not None and routes.bends))
+    else:
+        # The scene's units are those of the trip, which is longer than the straight line to the goal
+        units = NaturalUnits.of(scenario, first.length * units.length)
+        inside, task = call.task(units, task.tally)
+        everything = CheckedRuns(task).everything
+        routes = Routes.of(everything, task.deadline)
+        first = None if routes is None else routes.next()
+        guide = None if routes is None or first is None else routes.take(first, everything)
+        search = TripSearch(CheckedRuns(task, guide))
+    search.walk(attempts(search, routes, first is not None))
     assert search.best is not None, "the first run is never cut off"
     return _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
 
 
-def _searched(task: Task) -> TripSearch:
-    """Walk through all attempts of a task."""
-    search = TripSearch(among_small_zones(CheckedRuns(task)))
-    search.walk(attempts(search))
-    return search
-
-
 def _fastest(task: Task) -> ScpRun:
-    """Return the fastest trip of a task."""
-    best = _searched(task).best
-    assert best is not None, "the first run is never cut off"
-    return best
+    """Return the fastest trip of a task, in the units that it is in."""
+    runs = CheckedRuns(task)
+    routes = None if task.given is not None else Routes.of(runs.everything, task.deadline)
+    first = None if routes is None else routes.first_beside(runs.everything.space.guide)
+    if routes is not None and first is not None:
+        search = TripSearch(CheckedRuns(task, routes.take(first, runs.everything)))
+    else:
+        search = TripSearch(with_short_spans(runs, bends=routes is not None and routes.bends))
+    search.walk(attempts(search, routes, first is not None))
+    assert search.best is not None, "the first run is never cut off"
+    return search.best
 
 
-def attempts(search: TripSearch) -> Iterator[Attempt[TripSearch, ScpRun]]:
+@dataclass(frozen=True)
+class _Call:
+    """A call of :func:`planned`, ready to be made a task of in any units."""
+
+    scenario: Scenario
+    settings: Settings
+    began: float
+    time_limit: float | None
+    solver: QpSolver | None
+    constraints: UserConstraints | None
+    thorough: bool
+
+    def task(self, units: NaturalUnits, tally: Tally | None = None) -> tuple[Scenario, Task]:
+        """The scenario in some units, and the task of planning it; its tally goes on with another one."""
+        limit = np.inf if self.time_limit is None else self.time_limit
+        go_on = asked_for_time(limit, self.began)
+        inside = units.scenario(self.scenario, go_on)
+        any_time = at_any_time(inside)
+        task = Task(
+            any_time,
+            ZonesOf(any_time, go_on),
+            for_scene(self.settings, units),
+            self.began + limit,
+            self.began + (1.0 + CHECKING) * limit + LEAST_CHECKING,
+            own_solver=self.solver,
+            given=None if self.constraints is None else OwnConstraints(self.constraints, units),
+            arrival_step=inside.goal.arrival_step,
+            thorough=self.thorough,
+        )
+        return inside, task if tally is None else replace(task, tally=tally)
+
+
+def attempts(search: TripSearch, routes: Routes | None, along: bool) -> Iterator[Attempt[TripSearch, ScpRun]]:
     """Yield the attempts of a plan, in order; which ones follow, and what they may cost, depends on those before."""
-    yield from ways_round(search.runs)
+    yield from along_a_guide(search.runs) if along else ways_round(search.runs)
+    if routes is not None:
+        yield OtherRoutes(routes, search.runs.most_ways)
     best, goal = search.best, search.task.scenario.goal
     if search.task.given is not None or best is None:  # constraints are written in stations of the guide
         return
     late = goal.latest_arrival is not None and search.task.scenario.start.time + best.travel_time > goal.latest_arrival
     if search.task.thorough or best.holds or not late:
-        yield FastestGuide()
         yield from refinements(search.task)
 
 

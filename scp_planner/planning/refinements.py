@@ -49,6 +49,9 @@ class RefinementSettings:
     # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
     unseen: float = 1.0
     tight: float = 1.5
+    # for the least radius of the vehicle, at most; and times as many as usual, from which on there are more at once
+    spans_to_bend: int = 40
+    far_more: float = 1.5
     # how often there are three times as many spans of the acceleration, and the most of them
     finer: int = 2
     most_spans: int = 200
@@ -65,16 +68,24 @@ class RefinementSettings:
 REFINEMENT = RefinementSettings()
 
 
-def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
-    """Return runs with shorter spans of the path, where many zones to a span are far smaller than it; else the same."""
+def with_short_spans(runs: CheckedRuns, *, bends: bool) -> CheckedRuns:
+    """Return runs with shorter spans of the path, where the usual ones do not follow what is in the way; else the same.
+
+    Many zones to a span may be far smaller than it; or the way ``bends`` round what stands, tighter than spans can.
+    """
     # One span could not tell which of them are passed on which side, and runs from hardly any way would end well.
     # Spans of a length that the user gave stay as they are, and those over a curved guide, which has enough of them.
     problem, task = runs.problem, runs.task
     space, spans, radius = problem.space, len(problem.space.path.widths), problem.zones.typical_radius
-    usual = task.settings.path_span == SceneSettings.path_span and space.guide.straight
-    if not usual or radius is None or radius > REFINEMENT.small * space.length / spans:
+    if task.settings.path_span != SceneSettings.path_span or not space.guide.straight or radius is None:
         return runs
-    wanted = min(ceil(problem.zones.size / REFINEMENT.zones_to_a_span), task.settings.max_path_spans)
+    wanted = 0
+    if radius <= REFINEMENT.small * space.length / spans:
+        wanted = min(ceil(problem.zones.size / REFINEMENT.zones_to_a_span), task.settings.max_path_spans)
+    if bends and np.isfinite(problem.limits.curvature):
+        needed = min(ceil(space.length * problem.limits.curvature / REFINEMENT.tight), REFINEMENT.spans_to_bend)
+        if needed > REFINEMENT.far_more * spans:
+            wanted = max(wanted, min(needed, task.settings.max_path_spans))
     return runs if wanted <= spans else CheckedRuns(task, space.guide, _breakpoints_of(space), wanted)
 
 

@@ -34,6 +34,7 @@ class TripSearch(Search[ScpRun]):
         self.runs, self.task, self.known = runs, task, known
         self.failed: list[Start] = []
         self.near: ScpRun | None = None  # fails by the least of those that may be faster than the known time
+        self.from_ways = 0  # runs from ways
         self.cut_off = False  # there was no time for even the first way
 
     @property

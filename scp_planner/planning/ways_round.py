@@ -72,7 +72,7 @@ class Ways(Attempt[TripSearch, ScpRun]):
         self.most = runs.most_ways
 
     def due(self, search: TripSearch) -> bool:
-        return search.count == 0 and not search.cut_off
+        return not (search.from_ways or search.certified or search.cut_off)
 
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
         settings, timed, missed = search.task.settings, search.tally.timed, 0.0
@@ -85,12 +85,13 @@ class Ways(Attempt[TripSearch, ScpRun]):
         grid.go_on_until(search.deadline)
         while way is not None and way.travel_time <= self._within(search, grid, missed) and not search.over:
             start = Start(way.travel_time, partial(trip_along, search.runs.problem, way))
+            search.from_ways += 1
             yield _run_from(search, start)
             missed = max(missed, start.missed)
             with timed("search"):
                 tree.branch(start.touched, self._within(search, grid, missed))
                 way = tree.next()
-        search.cut_off = not search.count and perf_counter() > until
+        search.cut_off = not search.from_ways and perf_counter() > until
 
     def _within(self, search: TripSearch, grid: WaySearch, missed: float) -> float:
         """Estimates above this, s, are of ways that hardly lead to a faster trip, as one missed by so much, s."""

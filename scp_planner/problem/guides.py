@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi, remainder, sqrt
 
 import numpy as np
@@ -68,13 +69,26 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
     return _smoothed(_shortened(shortest, short), radius, settings)
 
 
-def guide_over(points: Array, scenario: Scenario, limits: Limits, settings: SceneSettings) -> Guide:
-    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven."""
+def bend_radius(points: Array, limits: Limits, speed: float) -> float:
+    """Radius that a polyline from start to goal is rounded with where it is driven at a speed, if there is room, m."""
     radius = _turning_radius(limits, round(float(np.hypot(*points[-1])), DECIMALS))
     # Offsets to the outside of a bend are easy, those to the inside are not
-    radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
+    return max(radius, min(speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
+
+
+def guide_over(points: Array, scenario: Scenario, limits: Limits, settings: SceneSettings, spans: float = 0.0) -> Guide:
+    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven.
+
+    Paths over it have spans as short as its tightest bends need, if these are no more than ``spans``.
+    """
+    radius = bend_radius(points, limits, limits.speed)
     short = round(GOAL_SHARE * scenario.goal.radius, DECIMALS)
-    return _smoothed(_shortened(np.round(points, DECIMALS), short), radius, settings)
+    polyline = _shortened(np.round(points, DECIMALS), short)
+    if spans:
+        length = float(np.hypot(*np.diff(polyline, axis=0).T).sum())
+        finest = max(length / spans, BEND_SPAN * _turning_radius(limits, float(np.hypot(*points[-1]))))
+        settings = replace(settings, path_span=min(settings.path_span, finest))
+    return _smoothed(polyline, radius, settings)
 
 
 def _turning_radius(limits: Limits, distance: float) -> float:

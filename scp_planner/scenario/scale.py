@@ -12,11 +12,12 @@ TOP_SPEED = 3.0  # units of length in a unit of time
 UNIT_BITS, FEWEST_UNIT_BITS = 46, 36  # of a unit: as many as a scene tells; the fewer, the farther away it is moved
 
 
-def units_of(scenario: Any) -> Units:
-    """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
+def units_of(scenario: Any, trip: float | None = None) -> Units:
+    """Return the units of a scene: by the length of its trip, m, and the highest speed that can be reached on it."""
     vehicle, start = scenario.vehicle, scenario.start
-    line = scenario.guide or (scenario.goal.position,)
-    trip = max(dist(start.position, point) for point in line)  # however winding it is
+    if trip is None:
+        line = scenario.guide or (scenario.goal.position,)
+        trip = max(dist(start.position, point) for point in line)  # however winding it is
     away = frexp(max(map(abs, start.position)) / trip)[1]
     bits = min(max(UNIT_BITS - away, FEWEST_UNIT_BITS), UNIT_BITS)
     length = _short(trip / TRIP_LENGTH, bits)

@@ -34,12 +34,12 @@ class NaturalUnits(Units):
     """Units of a scene, and where its origin and its clock stand in those of the user."""
 
     @classmethod
-    def of(cls, scenario: Scenario) -> NaturalUnits:
-        """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
+    def of(cls, scenario: Scenario, trip: float | None = None) -> NaturalUnits:
+        """Return the units of a scene: by its trip, or one of a length in m, and the highest speed that it allows."""
         if not hasattr(scenario, "vehicle"):  # the first that all who are given a scenario ask for
             made = "Scenario(**data) makes one of a dictionary, Scenario.load(path) reads one"
             raise TypeError(f"scenario: must be a Scenario, not {type(scenario).__name__}; {made}")
-        found = units_of(scenario)
+        found = units_of(scenario, trip)
         return cls(found.length, found.time, found.origin, found.clock)
 
     @classmethod

@@ -16,7 +16,6 @@ import scp_planner as sp
 from scp_planner import plan
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.planning.attempts import Attempt
-from scp_planner.planning.other_guides import FastestGuide, with_headings
 from scp_planner.planning.refinements import REFINEMENT, commanded_in_steps
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
@@ -249,22 +248,6 @@ def test_where_there_is_no_way_arcs_are_tried_however_much_was_over_another_guid
 
 # Trips are found that the scenario's guide does not lead to
 
-DETOUR = [[0.0, 0.0], [10.0, 7.0], [20.0, 0.0]]
-
-
-def test_a_guide_that_makes_a_detour_does_not_slow_the_trip_down() -> None:
-    plan = sp.plan(scene(guide=DETOUR))
-    assert plan.certified
-    assert plan.travel_time < 1.001 * plan.lower_bound
-
-
-def test_nothing_is_tried_where_the_trip_is_hardly_slower_than_any_can_be() -> None:
-    search = search_in(scene(guide=[[0.0, 0.0], [10.0, 0.3], [20.0, 0.0]]))
-    search.walk(ways_round(search.runs))
-    tried = search.tally.tried.total()
-    search.walk([FastestGuide()])
-    assert search.tally.tried.total() == tried
-
 
 def test_over_another_guide_only_what_may_be_faster_is_gone_on_with() -> None:
     search = search_in(scene(disc("post", (10.0, 2.0)), guide=[[0.0, 0.0], [10.0, 3.0], [20.0, 0.0]]))
@@ -278,13 +261,3 @@ def test_over_another_guide_only_what_may_be_faster_is_gone_on_with() -> None:
     about_as_fast.walk(ways_round(search.runs))
     assert about_as_fast.found is not None
     assert about_as_fast.found.holds
-
-
-def test_a_way_turns_into_the_headings_that_it_would_miss() -> None:
-    scenario = scene(start={"heading": 0.2}, goal={"heading": np.pi / 2})
-    problem = build_problem(scenario, (), for_scene(Settings()))
-    points = with_headings(np.array([[0.0, 0.0], [20.0, 0.0]]), problem)
-    assert points == pytest.approx(np.array([[0.0, 0.0], [20.0, -1.0], [20.0, 0.0]]), abs=1e-9)
-    problem = build_problem(scene(start={"heading": -2.0}), (), for_scene(Settings()))
-    points = with_headings(np.array([[0.0, 0.0], [20.0, 0.0]]), problem)
-    assert points == pytest.approx(np.array([[0.0, 0.0], [np.cos(-2.0), np.sin(-2.0)], [20.0, 0.0]]), abs=1e-9)

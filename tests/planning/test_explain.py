@@ -122,7 +122,8 @@ def test_a_way_that_is_too_short_for_the_speeds(first: float, last: float, neede
 
 
 def test_a_turn_that_is_too_tight() -> None:
-    text = reason(vehicle={"max_curvature": 0.2}, goal={"position": [2.0, 2.0]})
+    hall = {"min": [-1.0, -1.0], "max": [4.0, 4.0]}
+    text = reason(vehicle={"max_curvature": 0.2}, goal={"position": [2.0, 2.0]}, bounds=hall)
     assert text.startswith("curvature 0.")
     assert "has a radius of 5 m" in text
     assert "lateral_acceleration" not in text, "an excess of a thousandth is a trifle beside that"

@@ -8,7 +8,6 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.planning import offline
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -71,6 +70,14 @@ def test_a_covered_goal_is_explained() -> None:
     # The disc covers the goal by 1.0 + 0.3 - 0.2 m: so much less of it would do.
     less = float(plan.reason.split("acceptable with ")[1].split(" m less of lid")[0])
     assert less == pytest.approx(1.1, abs=0.02)
+
+
+def test_a_closed_wall_of_discs_is_explained() -> None:
+    around = 2.0 * np.pi * np.arange(24) / 24
+    wall = [disc(f"w{k}", (20.0 + 4.0 * np.cos(a), 4.0 * np.sin(a)), radius=0.8) for k, a in enumerate(around)]
+    plan = sp.plan(scene(*wall))
+    assert not plan.certified
+    assert plan.reason is not None and "clearance to w" in plan.reason
 
 
 def test_a_disc_that_must_be_waited_for_is_waited_for() -> None:
@@ -199,12 +206,8 @@ def problem_of(scenario: sp.Scenario, settings: sp.Settings | None) -> Problem:
     return build_problem(scenario, sp.zones(scenario), settings or sp.Settings())
 
 
-@pytest.mark.parametrize("thorough", [True, False])
-def test_other_guides_are_tried_for_who_is_late_if_all_is_to_be_tried(thorough: bool) -> None:
-    """Along its own guide the vehicle is late; along a straight one it is not."""
+def test_the_guide_of_a_user_is_the_only_one() -> None:
     bow = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]], goal={"latest_arrival": 8.0})
-    assert offline.planned(bow, thorough=thorough).certified is thorough
-    in_time = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]])
-    found = offline.planned(in_time, thorough=thorough)
-    assert found.certified
-    assert found.travel_time < 1.001 * found.lower_bound
+    late = sp.plan(bow)
+    assert not late.certified and late.travel_time > 8.0
+    assert sp.plan(bow.model_copy(update={"guide": None})).certified

@@ -14,11 +14,11 @@ from scp_planner.planning.refinements import (
     REFINEMENT,
     FinerDrive,
     FinerPath,
-    among_small_zones,
     may_gain_by_spans,
     over_finer_path,
     over_other_breakpoints,
     refinements,
+    with_short_spans,
 )
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
@@ -127,7 +127,7 @@ def test_many_small_zones_get_shorter_spans_and_few_or_large_ones_do_not() -> No
         crossers = [disc(f"{k}", (20.0 * k / count, -3.5 * k / count), (0.0, 0.5), radius=radius) for k in range(count)]
         scenario = scene(*crossers[1:], vehicle={"radius": 0.02})
         before = CheckedRuns(Task(scenario, sp.zones(scenario), for_scene(settings or Settings()), np.inf))
-        after = among_small_zones(before)
+        after = with_short_spans(before, bends=False)
         found = after.problem.space.path.widths
         assert (after is before) == (len(found) == len(before.problem.space.path.widths))
         assert found == pytest.approx(np.full(len(found), 1.0 / len(found)))

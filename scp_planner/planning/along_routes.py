@@ -1,0 +1,201 @@
+"""Routes as guides, in the order of a time that none of them can be driven in less than."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, inf
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.pauses import OutOfTimeError
+from scp_planner.planning.attempts import Attempt
+from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.ways_round import CloserWays, Ways
+from scp_planner.problem.guides import STEEPEST, guide_over
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.profile import fastest_profile
+from scp_planner.routes.roadmap import Roadmap, Route
+from scp_planner.scenario.places import Line
+from scp_planner.search.first_trips import trip_along
+from scp_planner.search.starts import coarsenesses
+from scp_planner.search.ways import Way
+from scp_planner.trips.guide import Guide
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class AlongRouteSettings:
+    """Routes that need a guide of their own, and drives along them."""
+
+    looks: float = 0.25  # units of length, between points of a route that are compared with a guide
+    aside: float = 0.5  # of the largest offset: as far is a route from a curved guide that serves it
+    steepest: float = 1.28  # rad, of a route over the straight guide, if that serves it
+    slow: float = 1.3  # least radii of the vehicle, of turns at ends where it stands
+    wide: float = 8.0  # and of those at ends where it drives, at most
+    least: float = 0.5  # units of length, of turns at ends: splines do not follow tighter ones
+    spans: int = 60  # of a path over a route, that its bends may need at first
+    stations: int = 400  # of a drive along a guide
+
+
+ALONG = AlongRouteSettings()
+
+
+class Routes:
+    """Routes of a problem one after the other, and the guides that serve some of them."""
+
+    def __init__(self, roadmap: Roadmap) -> None:
+        self.roadmap = roadmap
+        self.tried = self.count = 0  # routes with a guide of their own, and all that were looked at
+        self.exhausted = False
+        self._routes = roadmap.routes()
+        self._waiting: Route | None = None
+        self._own: list[Guide] = []
+        self._default: Guide | None = None
+        self._served: list[Route] = []  # by the default guide alone
+
+    @classmethod
+    def of(cls, problem: Problem, deadline: float) -> Routes | None:
+        """Return the routes of a problem, if there is more to choose from than its guide."""
+        scenario = problem.scenario
+        if scenario.guide is not None:
+            return None
+        roadmap = Roadmap(scenario, problem.frame, problem.limits, problem.zones, problem.box, deadline)
+        if len(problem.zones.standing) == 0 and not roadmap.has_to_loop:
+            return None
+        return cls(roadmap)
+
+    def first_beside(self, guide: Guide) -> Route | None:
+        """Return the shortest route, unless a guide serves it: then that is the guide of all that it serves."""
+        route = self._next()
+        if route is None:
+            return None
+        if self.roadmap.has_to_loop or not serves(guide, route.points):
+            self._waiting = route
+            return route
+        self._default = guide
+        self._served.append(route)
+        return None
+
+    @property
+    def bends(self) -> bool:
+        """True if the default guide serves the shortest route, which is not straight."""
+        return bool(self._served) and not self._served[0].straight
+
+    def next(self, within: float = inf) -> Route | None:
+        """Return the next route, if it may be driven in less than a time, s, and no guide so far serves it.
+
+        Without a trip so far, the default guide serves none: what is steep over it may not be over a guide of its own.
+        """
+        if not np.isfinite(within) and self._served:
+            return self._served.pop(0)
+        while True:
+            route = self._waiting or self._next()
+            self._waiting = None
+            if route is None:
+                return None
+            if route.least_time >= within:
+                self._waiting = route
+                return None
+            if any(serves(guide, route.points) for guide in self._own):
+                continue
+            if self._default is None or not serves(self._default, route.points):
+                return route
+            if not np.isfinite(within):
+                return route
+            self._served.append(route)
+
+    def take(self, route: Route, problem: Problem) -> Guide:
+        """Return a guide along a route, from now on one of those that serve routes."""
+        scenario, limits, radius = problem.scenario, problem.limits, self.roadmap.radius
+        speeds = (scenario.start.speed, limits.speed if scenario.goal.speed is None else scenario.goal.speed)
+        least, most = max(ALONG.slow * radius, ALONG.least), ALONG.wide * radius or inf
+        wanted = (max(least, min(speed**2 / limits.lateral_acceleration, most)) for speed in speeds)
+        points = self.roadmap.turned(route, *wanted)
+        guide = guide_over(points, scenario, limits, problem.settings, ALONG.spans)
+        self._own.append(guide)
+        self.tried += 1
+        return guide
+
+    def _next(self) -> Route | None:
+        try:
+            route = next(self._routes, None)
+        except OutOfTimeError:
+            return None
+        self.count += route is not None
+        self.exhausted = route is None
+        return route
+
+
+def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:
+    """True if a polyline is an offset of a guide that is nowhere steep."""
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = np.linspace(0.0, along[-1], max(2, round(along[-1] / ALONG.looks)) + 1)
+    places = np.stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)], axis=1)
+    if guide.straight:
+        least = cos(ALONG.steepest) * (at[1] - at[0])
+        return bool(np.abs(places[:, 1]).max() <= largest and np.diff(places[:, 0]).min() >= least)
+    least = cos(STEEPEST) * (at[1] - at[0])
+    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / ALONG.looks)) + 1)
+    line = Line(guide.frame(stations).position)
+    far = line.distances(places).max() > ALONG.aside * largest
+    return not far and bool(np.diff(line.nearest(places)).min() >= least)
+
+
+class AlongGuide(Attempt[TripSearch, ScpRun]):
+    """The guide itself, driven as fast as its bends allow."""
+
+    what = "route"
+
+    def due(self, search: TripSearch) -> bool:
+        return not search.certified
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        problem = search.runs.problem
+        guide, limits, start = problem.space.guide, problem.limits, problem.space.start_speed
+        stations = np.linspace(0.0, guide.length, ALONG.stations + 1)
+        with np.errstate(divide="ignore"):
+            allowed = np.minimum(limits.speed, np.sqrt(limits.lateral_acceleration / np.abs(guide.curvature(stations))))
+        goal = problem.ends.goal_speed
+        profile = fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
+        way = Way(float(profile.times[-1]), stations, np.zeros(len(stations)), profile.times)
+        yield search.runs.attempt(trip_along(problem, way), search.cutoff)
+
+
+class OtherRoutes(Attempt[TripSearch, ScpRun]):
+    """Further routes, each as the guide, while they may be driven faster than the best trip."""
+
+    what = "route"
+
+    def __init__(self, routes: Routes, most: int) -> None:
+        self.routes, self.most = routes, most
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        while not search.task.out_of_time:
+            best = search.best
+            known = best.travel_time if best is not None and best.holds else inf
+            with search.tally.timed("search"):
+                route = self.routes.next(known)
+            if route is None:
+                return
+            with search.tally.timed("build"):
+                guide = self.routes.take(route, search.runs.everything)
+            runs = CheckedRuns(search.task, guide)
+            over = TripSearch(runs, known)
+            over.walk(along_a_guide(runs))
+            found = over.found
+            if found is not None:
+                yield found
+
+
+def along_a_guide(runs: CheckedRuns) -> list[Attempt[TripSearch, ScpRun]]:
+    """Return the attempts along a route: the route itself, and ways round what is on it, if that moves before."""
+    ways = [Ways(runs, coarseness) for coarseness in coarsenesses(runs.problem)]
+    moves = len(runs.problem.zones.moving) > 0
+    return [*ways, AlongGuide(), CloserWays()] if moves else [AlongGuide(), *ways, CloserWays()]
