@@ -28,6 +28,7 @@ class PieceSettings:
     finer: float = 2.0  # times as many, where the clearance is wanted closely: that mostly spares quartering them
     fewest: int = 16
     max_halvings: int = 22
+    fewest_followed: int = 400  # places of a trip along a line that crosses itself
 
 
 PIECES = PieceSettings()

@@ -152,11 +152,13 @@ def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces,
     checked.go_on()
     allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = 0.0, 0.0, False
+    driven = _followed(checked, part)
     for _ in range(PIECES.max_halvings):
+        about = None if driven is None else np.interp(enclosure.path.station, *driven)
         half, speed = enclosure.half, enclosure.speed
         position = checked.trip.frame.to_world(enclosure.path.position)
         fastest = speed + enclosure.acceleration_bound * half
-        station = part.line.nearest(position)
+        station = part.line.nearest(position, about)
         there = np.flatnonzero((station >= part.first) & (station <= part.last))
         if len(there):
             worst = there[np.argmax(speed[there])]
@@ -166,7 +168,11 @@ def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces,
             break
         undecided = fastest > allowed
         undecided[undecided] = part.line.may_be_between(
-            position[undecided], (fastest * half)[undecided] + END_TOLERANCE, part.first, part.last
+            position[undecided],
+            (fastest * half)[undecided] + END_TOLERANCE,
+            part.first,
+            part.last,
+            None if about is None else about[undecided],
         )
         kept = not undecided.any()
         if kept:
@@ -175,3 +181,14 @@ def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces,
         enclosure = checked.enclosed(pieces)
     use = LimitUse(best, part.speed, checked.absolute(best_sigma))
     return Finding(use, () if kept else (checked.broken(name, best, part.speed, best_sigma),))
+
+
+def _followed(checked: CheckedTrip, part: Stretch) -> tuple[Array, Array] | None:
+    """Stations along the guide, and those along a line that crosses itself of a vehicle there, m; or None."""
+    if not np.isfinite(part.line.loop):
+        return None
+    space = checked.trajectory.space
+    parameters = np.linspace(0.0, 1.0, max(PIECES.fewest_followed, 2 * space.tables.cells) + 1)
+    places = checked.trip.frame.to_world(checked.trajectory.path.places(parameters))
+    stations = part.line.followed(places)
+    return None if stations is None else (parameters * space.length, stations)

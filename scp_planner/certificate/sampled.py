@@ -225,18 +225,24 @@ class _SampledCheck:
         """The speed wherever the vehicle may be in a stretch of a line."""
         allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
         parts, best, when = self._parts, 0.0, float(self.motion.begin[0])
+        driven = part.line.followed(self.motion.position)
         for _ in range(EFFORT.most_halvings):
             disc = self.pieces.disc(parts, 0.0)
+            about = None if driven is None else np.interp(disc.time, self.motion.begin, driven)
             speed, half = np.hypot(*disc.velocity.T), disc.half
             fastest = speed + disc.acceleration * half
-            station = part.line.nearest(disc.position)
+            station = part.line.nearest(disc.position, about)
             there = np.flatnonzero((station >= part.first) & (station <= part.last))
             if len(there) and speed[there].max() > best:
                 worst = there[int(np.argmax(speed[there]))]
                 best, when = float(speed[worst]), float(disc.time[worst])
             undecided = fastest > allowed
             undecided[undecided] = part.line.may_be_between(
-                disc.position[undecided], (fastest * half)[undecided] + END_TOLERANCE, part.first, part.last
+                disc.position[undecided],
+                (fastest * half)[undecided] + END_TOLERANCE,
+                part.first,
+                part.last,
+                None if about is None else about[undecided],
             )
             if best > allowed or not undecided.any():
                 return self._used(name, best, part.speed, when)

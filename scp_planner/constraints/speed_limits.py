@@ -12,7 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.setup import Setup
-from scp_planner.scenario.places import Stretch, limits_at
+from scp_planner.scenario.places import Line, Stretch, followed, limits_at
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
@@ -52,6 +52,14 @@ class SpeedLimits(Constraint):
     @cached_property
     def _jumps(self) -> TimeTable:
         return self.setup.space.time_table(self.setup.space.acceleration.breakpoints[1:-1])
+
+    @cached_property
+    def _about(self) -> About:
+        """Where the guide follows each line."""
+        space = self.setup.space
+        stations = space.tables.station_parameters
+        driven = followed(self.stretches, space.guide.frame(stations * space.length).position)
+        return About({line: one for line, one in driven.items() if one is not None}, stations)
 
     def tightened(self, more: float) -> SpeedLimits:
         if more == 0.0:
@@ -112,7 +120,8 @@ class SpeedLimits(Constraint):
         at_gates, speed = arrivals.sigma[count:], arrivals.speed[count:]
         pieces = _OtherPieces.beside(trajectory, at_gates, speed, beside[count:], limits)
         own = space.time_table(beside).acceleration @ trajectory.beta
-        fixed, moving = (limits_at(self.stretches, at) for at in (path.station_positions, jumps.path.position))
+        fixed = limits_at(self.stretches, path.station_positions, self._about.at(stations))
+        moving = limits_at(self.stretches, jumps.path.position, self._about.at(jumps.parameter))
         return _SpeedSites(
             np.concatenate([stations, *[np.maximum(gates, 0.0)] * 3, jumps.parameter]),
             np.concatenate([arrivals.sigma, at_gates, at_gates, self._jumps.sigma]),
@@ -124,17 +133,29 @@ class SpeedLimits(Constraint):
 
     def _gates(self, path: Path) -> tuple[Array, Array, Array]:
         """Normalised stations at which the path first crosses each border, -1 if it does not; side; limit."""
-        along = self._borders.lines_at(path.station_positions)
+        along = self._borders.lines_at(path.station_positions, self._about)
         cells = (along[:, :-1] < self._borders.at[:, None]) & (along[:, 1:] >= self._borders.at[:, None])
         gates, stations = np.full(len(cells), -1.0), self.setup.space.tables.station_parameters
         # Borders whose first cell with a crossing turns out to have none are looked for in the next one.
         while (some := np.flatnonzero(cells.any(axis=1) & (gates < 0.0))).size:
             cell = np.argmax(cells[some], axis=1)
             ends = np.stack([cell, cell + 1])
-            gates[some] = _crossings(path, self._borders.of(some), stations[ends], along[some, ends])
+            gates[some] = _crossings(path, self._borders.of(some), stations[ends], along[some, ends], self._about)
             cells[some, cell] = False
         sides = np.tile([-1.0, 1.0], len(self.stretches))
         return gates, sides, np.repeat([part.speed for part in self.stretches], 2)
+
+
+@dataclass(frozen=True)
+class About:
+    """Stations along lines that cross themselves of a vehicle on the guide, (n,) m, at normalised stations of that."""
+
+    stations: dict[Line, Array]
+    parameters: Array
+
+    def at(self, parameters: Array) -> dict[Line, Array | None]:
+        """Return those at other normalised stations, (m,)."""
+        return {line: np.interp(parameters, self.parameters, one) for line, one in self.stations.items()}
 
 
 @dataclass(frozen=True)
@@ -190,46 +211,48 @@ class _Borders:
         """Return some of them."""
         return _Borders(tuple(self.stretches[k] for k in index.tolist()), self.at[index])
 
-    def lines_at(self, positions: Array) -> Array:
+    def lines_at(self, positions: Array, about: About) -> Array:
         """Stations along the line of each of the points of it nearest to positions (k, 2) m, (n, k) m."""
-        known = {line: line.nearest(positions) for line in {part.line: None for part in self.stretches}}
+        near = about.at(about.parameters)
+        known = {line: line.nearest(positions, near.get(line)) for line in {part.line: None for part in self.stretches}}
         return np.array([known[part.line] for part in self.stretches])
 
-    def each_at(self, path: Path, parameters: Array) -> Array:
+    def each_at(self, path: Path, parameters: Array, about: About) -> Array:
         """Stations along its line of the path at normalised stations, for each its own, (n, k)."""
         shape = parameters.shape
         positions = path.points(parameters.ravel()).position.reshape(*shape, 2)
         found = np.empty(shape)
         for line in {part.line: None for part in self.stretches}:
             mine = [k for k, part in enumerate(self.stretches) if part.line is line]
-            found[mine] = line.nearest(positions[mine].reshape(-1, 2)).reshape(len(mine), -1)
+            near = about.at(parameters[mine].ravel()).get(line)
+            found[mine] = line.nearest(positions[mine].reshape(-1, 2), near).reshape(len(mine), -1)
         return found
 
 
-def _crossings(path: Path, borders: _Borders, cells: Array, along: Array) -> Array:
+def _crossings(path: Path, borders: _Borders, cells: Array, along: Array, about: About) -> Array:
     """Normalised stations at which a path first crosses borders, (n,), each upwards in a cell."""
     (low, high), (first, last) = cells, along
     slope = (last - first) / (high - low)
     guess = low + (borders.at - first) / slope
     for _ in range(CROSSING_STEPS):
-        here = borders.each_at(path, guess[:, None])[:, 0]
+        here = borders.each_at(path, guess[:, None], about)[:, 0]
         guess = np.minimum(np.maximum(guess + (borders.at - here) / slope, low), high)
-    here = borders.each_at(path, guess[:, None])[:, 0]
+    here = borders.each_at(path, guess[:, None], about)[:, 0]
     bent = np.flatnonzero(np.abs(here - borders.at) >= ON_BORDER * (last - first))
     if bent.size:
-        guess[bent] = _jumps(path, borders.of(bent), low[bent], high[bent])
+        guess[bent] = _jumps(path, borders.of(bent), low[bent], high[bent], about)
     return guess
 
 
-def _jumps(path: Path, borders: _Borders, low: Array, high: Array) -> Array:
+def _jumps(path: Path, borders: _Borders, low: Array, high: Array, about: About) -> Array:
     every = np.arange(len(low))
     for _ in range(JUMP_STEPS):
         trials = np.linspace(low, high, JUMP_PARTS + 1, axis=1)
-        beyond = borders.each_at(path, trials[:, 1:-1]) >= borders.at[:, None]
+        beyond = borders.each_at(path, trials[:, 1:-1], about) >= borders.at[:, None]
         jump = np.where(beyond.any(axis=1), np.argmax(beyond, axis=1), JUMP_PARTS - 1)
         low, high = trials[every, jump], trials[every, jump + 1]
     entered = np.array([at == part.first for part, at in zip(borders.stretches, borders.at, strict=True)])
-    inside = borders.each_at(path, np.where(entered, high, low)[:, None])[:, 0]
+    inside = borders.each_at(path, np.where(entered, high, low)[:, None], about)[:, 0]
     within = [part.first <= at <= part.last for part, at in zip(borders.stretches, inside.tolist(), strict=True)]
     return np.where(within, high, -1.0)
 

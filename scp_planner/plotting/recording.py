@@ -15,7 +15,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor, planar
 from scp_planner.plotting.borders import body_of, boundaries_of, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
-from scp_planner.scenario.places import Stretch, limits_at, stretches
+from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.of_scenario import zones
@@ -277,10 +277,11 @@ def scene_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:
-    """Limit of the speed at positions (n, 2) m, (n,) m/s; None if it is the same in all places."""
+    """Limit of the speed at positions of a drive (n, 2) m, (n,) m/s; None if it is the same in all places."""
     if not scenario.speed_limits:
         return None
-    return np.minimum(limits_at(stretches(scenario), position), scenario.vehicle.max_speed)
+    parts = stretches(scenario)
+    return np.minimum(limits_at(parts, position, followed(parts, position)), scenario.vehicle.max_speed)
 
 
 def profiles_of(

@@ -18,7 +18,7 @@ from scp_planner.problem.problem import EACH_SHARE, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.places import Line, Stretch, limits_at, stretches
+from scp_planner.scenario.places import Line, Stretch, followed, limits_at, stretches
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
@@ -87,17 +87,21 @@ def _breakpoints(
 
 
 def slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
-    """Return the speed limits by place in the planning frame, less the margins."""
+    """Return the speed limits by place in the planning frame, less the margins; a start at a limit keeps it."""
+    start = scenario.start.speed
     keep, found = kept_of_limits(settings), stretches(scenario)
     lines = {part.line: Line(np.round(frame.to_frame(part.line.points), DECIMALS)) for part in found}
-    return tuple(replace(part, line=lines[part.line], speed=min(part.speed * keep, part.speed)) for part in found)
+    return tuple(
+        replace(part, line=lines[part.line], speed=min(max(part.speed * keep, start), part.speed)) for part in found
+    )
 
 
 def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:
     """Return the fastest drive along a guide that keeps to the limits of places."""
     count = min(max(2, round(guide.length / PROFILE_STEP)), MOST_PROFILE_STEPS)
     stations = np.linspace(0.0, guide.length, count + 1)
-    allowed = np.minimum(limits_at(slow, guide.frame(stations).position), limits.speed)
+    positions = guide.frame(stations).position
+    allowed = np.minimum(limits_at(slow, positions, followed(slow, positions)), limits.speed)
     start, goal, vehicle = scenario.start.speed, scenario.goal.speed, scenario.vehicle
     rise, fall, power = limits.acceleration, limits.deceleration, vehicle.max_power or np.inf
     if goal is None and scenario.goal.speed_range is not None and scenario.goal.speed_range[1] < limits.speed:

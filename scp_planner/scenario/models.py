@@ -180,7 +180,8 @@ class SpeedLimit(Part):
     """Largest speed of the vehicle along a stretch of a line.
 
     It holds wherever the point of the line that is nearest to the vehicle's reference point lies in the stretch: the
-    borders run across the line.
+    borders run across the line. Where a line crosses itself, the vehicle stays on the part of it that it came by: each
+    pass over the place keeps its own limits.
     """
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.stretch_is_not_empty, checks.line_moves_on)

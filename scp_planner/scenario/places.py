@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,9 @@ from scp_planner.scenario.tolerances import SAME_FOOT, SAME_PLACE
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
+
+
+FOLLOWED = 150  # of the points of a drive, at most, of each of which the next one's place along a line is told
 
 
 class Line:
@@ -26,9 +30,37 @@ class Line:
         self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
         self.length = float(self._stations[-1])
 
-    def nearest(self, points: Array) -> Array:
-        """Stations of the points of the line nearest to points (n, 2), (n,) m."""
-        along, away = self._onto_legs(points)
+    @cached_property
+    def loop(self) -> float:
+        """Length of the shortest loop that the line makes, from a place to where it crosses itself there, m; or inf."""
+        begins, ends, least = self.points[:-1], self.points[1:], np.inf
+        for k in range(len(begins) - 2):
+            here, to, far = ends[k] - begins[k], ends[k + 2 :] - begins[k + 2 :], begins[k + 2 :] - begins[k]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                turn = here[0] * to[:, 1] - here[1] * to[:, 0]
+                own = (far[:, 0] * to[:, 1] - far[:, 1] * to[:, 0]) / turn
+                other = (far[:, 0] * here[1] - far[:, 1] * here[0]) / turn
+            met = (own >= 0.0) & (own <= 1.0) & (other >= 0.0) & (other <= 1.0)
+            apart = (self._stations[k + 2 : -1] + other * self._lengths[k + 2 :])[met]
+            least = min(least, float((apart - self._stations[k] - own[met] * self._lengths[k]).min(initial=np.inf)))
+        return least
+
+    def followed(self, points: Array) -> Array | None:
+        """Stations of a vehicle at points in the order that it drives over them, (n, 2) m; None if nothing crosses.
+
+        Where the line crosses itself, the vehicle stays on the part of it that it came by.
+        """
+        if not np.isfinite(self.loop):
+            return None
+        some = np.unique(np.linspace(0, len(points) - 1, FOLLOWED).round().astype(np.intp))
+        stations = [self.nearest(points[:1])]
+        for k in some[1:].tolist():
+            stations.append(self.nearest(points[k : k + 1], stations[-1]))
+        return self.nearest(points, np.interp(np.arange(len(points)), some, np.concatenate(stations)))
+
+    def nearest(self, points: Array, about: Array | None = None) -> Array:
+        """Stations of the points of the line nearest to points (n, 2), (n,) m; within half a loop of some, (n,) m."""
+        along, away = self._onto_legs(points, about)
         leg = np.argmin(away, axis=1)
         every = np.arange(len(points))
         stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
@@ -61,9 +93,11 @@ class Line:
         nearest: Array = feet[np.argmin(away)]
         return nearest
 
-    def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> Mask:
+    def may_be_between(
+        self, points: Array, reach: Array, first: float, last: float, about: Array | None = None
+    ) -> Mask:
         """True if any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
-        along, away = self._onto_legs(points)
+        along, away = self._onto_legs(points, about)
         reach = reach[:, None]
         candidate = away - reach <= away.min(axis=1, keepdims=True) + reach
         low = self._stations[:-1] + np.clip(along - reach, 0.0, self._lengths)
@@ -71,13 +105,21 @@ class Line:
         found: Mask = np.any(candidate & (high >= first) & (low <= last), axis=1)
         return found
 
-    def _onto_legs(self, points: Array) -> tuple[Array, Array]:
-        """Stations of points on each leg, not limited to it, and distances from it, (n, legs) m."""
+    def _onto_legs(self, points: Array, about: Array | None = None) -> tuple[Array, Array]:
+        """Stations of points on each leg, not limited to it, and distances from it, (n, legs) m.
+
+        Only what lies within half a loop of stations, (n,) m, counts where these are given.
+        """
         offset = points[:, None] - self.points[:-1]
         along = (offset * self._tangents).sum(axis=2)
-        beyond = along - np.clip(along, 0.0, self._lengths)
         across = offset[:, :, 0] * self._tangents[:, 1] - offset[:, :, 1] * self._tangents[:, 0]
-        return along, np.hypot(across, beyond)
+        if about is None:
+            beyond = along - np.clip(along, 0.0, self._lengths)
+            return along, np.hypot(across, beyond)
+        since = about[:, None] - self._stations[:-1]
+        low, high = np.maximum(since - 0.5 * self.loop, 0.0), np.minimum(since + 0.5 * self.loop, self._lengths)
+        nearest = np.clip(along, low, high)
+        return nearest, np.where(low <= high, np.hypot(across, along - nearest), np.inf)
 
 
 @dataclass(frozen=True)
@@ -114,10 +156,19 @@ def anchored(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"speed_limits": limits})
 
 
-def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
-    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
+def followed(parts: Sequence[Stretch], positions: Array) -> dict[Line, Array | None]:
+    """Return the stations along each line of a vehicle that drives over positions, (n, 2) m, in their order."""
+    return {line: line.followed(positions) for line in {part.line: None for part in parts}}
+
+
+def limits_at(parts: Sequence[Stretch], positions: Array, about: Mapping[Line, Array | None] | None = None) -> Array:
+    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none; of each line within half a loop of some.
+
+    See :meth:`Line.followed`.
+    """
     limit = np.full(len(positions), np.inf)
-    stations = {line: line.nearest(positions) for line in {part.line: None for part in parts}}
+    near = about or {}
+    stations = {line: line.nearest(positions, near.get(line)) for line in {part.line: None for part in parts}}
     for part in parts:
         station, near = stations[part.line], SAME_PLACE * part.line.length
         within = (station >= part.first - near) & (station <= part.last + near)
