@@ -125,7 +125,8 @@ class Lines:
                 line, stretch, place = (index[begin : begin + most] for index in met)
                 delay = (edges[stretch][:, None] + np.arange(CHUNKS.stretch)).ravel()
                 line, zone = np.repeat(line, CHUNKS.stretch), np.repeat(part[place], CHUNKS.stretch)
-                yield self.cuts(line, delay, zone, self.times(line, delay))
+                for moment in self.grid.moments:
+                    yield self.cuts(line, delay, zone, self.times(line, delay) + moment)
 
     def _corners(self, some: Index) -> int:
         """Relative cost of cutting the zone with the most corners."""

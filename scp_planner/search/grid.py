@@ -42,6 +42,7 @@ class GridSize:
     fewest_stations: int = 12
     most_stations: int = 2000
     most_cells: int = 200_000  # stations times offsets to one side: detours are narrower where there would be more
+    most_moments: int = 8  # of a delay
     profile_looks: int = 8  # at the fastest drive, between lines
 
 
@@ -65,6 +66,8 @@ class Grid:
     falls: int  # By how many classes the speed rises and falls at most
     first_speeds: slice  # Classes of the speed at the start
     shrunk: float  # By how much zones are taken to be smaller
+    # Times about each delay at which zones are looked at: in the time of a coarse one, whole rows of them pass
+    moments: tuple[float, ...] = (0.0,)
 
     @property
     def columns(self) -> int:
@@ -180,7 +183,13 @@ class Grid:
             falls=max(1, round(2.0 * limits.deceleration * step / per_class)),
             first_speeds=slice(0, min(slowest_first + 1, fineness.speeds)),
             shrunk=fineness.shrunk * offset_step,
+            moments=_moments(coarseness, coarseness * step / (top * fineness.delays)),
         )
+
+
+def _moments(coarseness: float, delay_step: float) -> tuple[float, ...]:
+    count = min(max(1, round(coarseness)), SIZE.most_moments)
+    return tuple((((np.arange(count) + 0.5) / count - 0.5) * delay_step).tolist())
 
 
 def _turning_radius(limits: Limits, speed: float) -> float:

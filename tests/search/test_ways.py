@@ -229,3 +229,17 @@ def test_starts_are_bows_where_there_is_no_way() -> None:
     found = list(starts(problem, 4))
     assert {estimate for estimate, _ in found} == {0.0}
     assert [start.travel_time for _, start in found] == [bow.travel_time for bow in bows(problem)]
+
+
+def test_coarse_delays_do_not_let_a_way_jump_through_a_row() -> None:
+    """Ten discs drive over the goal, closer than the vehicle fits between: it has to wait for the last one."""
+    row = [disc(f"x{k}", (40.0 + 7.5 * k, 0.0), (-5.0, 0.0), radius=1.5) for k in range(10)]
+    slow = {"radius": 1.5, "max_speed": 5.0, "max_acceleration": 5.0, "max_deceleration": 5.0, "max_curvature": 0.2}
+    scenario = scene(*row, vehicle=slow, start={"speed": 0.0}, goal={"speed": 0.0})
+    way = WaySearch(problem_of(scenario), 16.0).best()
+    assert way is not None
+    gone = (40.0 + 7.5 * 9 + 3.0 - 20.0) / 5.0  # when the last one has left the goal
+    assert gone < way.travel_time < 1.4 * gone
+    made = plan(scenario)
+    assert made.certified
+    assert made.travel_time < 1.1 * gone
