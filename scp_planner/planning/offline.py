@@ -15,6 +15,7 @@ from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide
 from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
+from scp_planner.planning.last_resorts import MoreEffort, StricterLimits
 from scp_planner.planning.meeting_search import MeetingSearch
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
@@ -197,6 +198,9 @@ def attempts(search: TripSearch, routes: Routes | None, along: bool) -> Iterator
     yield from along_a_guide(search.runs) if along else ways_round(search.runs)
     if routes is not None:
         yield OtherRoutes(routes, search.runs.most_ways)
+    if search.task.given is None:
+        yield StricterLimits()
+        yield MoreEffort()
     best, goal = search.best, search.task.scenario.goal
     if search.task.given is not None or best is None:  # constraints are written in stations of the guide
         return

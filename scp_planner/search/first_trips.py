@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.constraints.jerk import jerk_matrix
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.problem.problem import Problem
 from scp_planner.search.ways import Way
 from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
 from scp_planner.trips.path import Path
+from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 
@@ -24,6 +26,8 @@ class FirstFit:
     close_smoothing: float = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
     arrival_weight: float = 10.0  # of arriving in time, against being in time on the way
     drive_smoothing: float = 1e-2  # m^2 per (m/s^2)^2
+    missed: float = 0.02  # of the path, by which a drive may miss its end
+    slower: tuple[float, ...] = (1.1, 1.25, 1.4, 1.6, 1.8, 2.0, 2.5)  # times a way's times, one after the other
 
 
 FIT = FirstFit()
@@ -43,13 +47,27 @@ def trip_along(problem: Problem, way: Way, smoothing: float = FIT.smoothing) -> 
     np.clip(theta[free], ends.lower[free], ends.upper[free], out=theta[free])
     path = Path(space, theta)
     driven = path.arc_length_at(way.stations / space.length)
-    beta = _drive(problem, way.times, driven)
+    times = way.times
+    beta = _drive(problem, times, driven)
+    if problem.scenario.vehicle.max_jerk is not None:
+        # Ways know nothing of the jerk: they are driven as much slower as it takes
+        for slower in FIT.slower:
+            if _arrives(space, beta, float(times[-1]), float(path.arc_length)):
+                break
+            times = slower * way.times
+            beta = _drive(problem, times, driven)
     fastest = _fastest_drive(problem, float(path.arc_length))
-    trip = Trajectory.of(space, theta, beta, float(way.times[-1]))
+    trip = Trajectory.of(space, theta, beta, float(times[-1]))
     while not np.isfinite(trip.travel_time):  # the fit stops short of the goal
         beta = 0.5 * (beta + fastest)
         trip = Trajectory.of(space, theta, beta)
     return trip
+
+
+def _arrives(space: TripSpace, beta: Array, time: float, length: float) -> bool:
+    """True if accelerations drive about a length, m, in a time, s."""
+    driven = space.start_speed * time + time * time * float(space.tables.final_distance @ beta)
+    return abs(driven - length) < FIT.missed * length
 
 
 def _fastest_drive(problem: Problem, length: float) -> Array:
@@ -83,16 +101,20 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
         wanted = np.append(wanted, FIT.arrival_weight * (goal_speed - space.start_speed))
     size = space.acceleration_size
     speeds = tau * space.tables.speed_control[1:]
+    jerk, most = np.zeros((0, size)), problem.scenario.vehicle.max_jerk
+    if most is not None:
+        jerk = jerk_matrix(space) / tau
     program = QuadraticProgram(
         matrix.T @ matrix + FIT.drive_smoothing * np.eye(size),
         -matrix.T @ wanted,
         problem.lowest_accelerations,
         _highest(problem, times, driven),
-        np.concatenate([speeds, -speeds]),
+        np.concatenate([speeds, -speeds, jerk, -jerk]),
         np.concatenate(
             [
                 np.full(len(speeds), limits.speed - space.start_speed),
                 np.full(len(speeds), space.start_speed),
+                np.full(2 * len(jerk), most or 0.0),
             ]
         ),
         0,
