@@ -16,7 +16,9 @@ from scp_planner.threat_zones.batch import ZoneBatch
 CORNERS = 48  # of the polygon inside each zone
 
 
-def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
+def polygons_inside(
+    batch: ZoneBatch, times: Array, low: Array, high: Array, corners: int = CORNERS
+) -> Iterator[tuple[Index, Array]]:
     """Convex polygons inside the parts of zones that come near a box."""
     centers, reaches = batch.centers.grid(times), batch.reach(times)
     headings = directions_of(batch.directions.grid(times)) if batch.any_turning else None
@@ -29,22 +31,22 @@ def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> 
         outline = None
         if batch.outlines is not None and batch.outline_slot[part] >= 0:
             outline = batch.outlines.outlines[batch.outline_slot[part]]
-        own = _directions(outline)
-        corners = batch.radius[part] * own
+        own = _directions(outline, corners)
+        places = batch.radius[part] * own
         if outline is not None:
-            corners = corners + _farthest(outline, own)
-        directions, corners = (np.broadcast_to(vectors, (len(met), *own.shape)) for vectors in (own, corners))
+            places = places + _farthest(outline, own)
+        directions, places = (np.broadcast_to(vectors, (len(met), *own.shape)) for vectors in (own, places))
         if headings is not None and batch.turning[part]:
             backwards = headings[met, part][:, None] * [1.0, -1.0]
-            directions, corners = turned_back(directions, backwards), turned_back(corners, backwards)
+            directions, places = turned_back(directions, backwards), turned_back(places, backwards)
         if covariances is not None and batch.slot[part] >= 0:
-            corners = corners + _ellipse_points(covariances[met, batch.slot[part]][:, None], directions)
-        yield met, center[met, None] + corners
+            places = places + _ellipse_points(covariances[met, batch.slot[part]][:, None], directions)
+        yield met, center[met, None] + places
 
 
-def _directions(outline: Outline | None) -> Array:
+def _directions(outline: Outline | None, corners: int) -> Array:
     """Directions all around, and beside those of a polygon's edges, by their angle, (C, 2)."""
-    angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+    angles = 2.0 * np.pi * np.arange(corners) / corners
     if outline is not None and outline.vertices is not None:
         normals = np.arctan2(outline.normals[:, 1], outline.normals[:, 0])
         beside = [(normals - NORMAL_OFFSET) % (2.0 * np.pi), (normals + NORMAL_OFFSET) % (2.0 * np.pi)]

@@ -8,11 +8,12 @@ from time import perf_counter
 
 import numpy as np
 
+from scp_planner.certificate.ground import least_length
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.certificate.relaxation import SIZE, NotDecided, Relaxation
 from scp_planner.certificate.tolerances import ROUNDING, SPEED_ROUNDING
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.scenario.limits import Limits, straight_trip_time
+from scp_planner.scenario.limits import Limits, straight_travel_time, straight_trip_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -46,6 +47,19 @@ def kinematic_bound(scenario: Scenario) -> float:
     return time if earliest is None else max(time, earliest - scenario.start.time)
 
 
+def ground_bound(scenario: Scenario, threat_zones: Sequence[ThreatZone], deadline: float = np.inf) -> float:
+    """No trip is shorter than the fastest drive over the shortest way round all that stands, s, in natural units.
+
+    It is inf where what stands lets no trip through.
+    """
+    least = kinematic_bound(scenario)
+    length = least_length(scenario, threat_zones, deadline)
+    if length == 0.0 or not np.isfinite(length):
+        return max(least, length)
+    limits, start, goal = Limits.of(scenario), scenario.start, scenario.goal
+    return max(least, straight_travel_time(length, start.speed, limits, goal.speed)[0] * (1.0 - SPEED_ROUNDING))
+
+
 def lower_bound(
     scenario: Scenario,
     *,
@@ -69,10 +83,11 @@ def lower_bound(
     Returns
     -------
     float
-        s, never less than :func:`kinematic_bound`, which it is where the trip is so long that there would be too many
-        cells and instants to look at; it is the smaller of what is true and what cells and instants can
-        show, to a thousandth. Waiting for what fills a bounded workspace shows, and going far round; the price of
-        small sidesteps, and of turning, does not. Of a target it is the kinematic bound; inf if no trip ever meets it.
+        s, never less than the fastest drive over the shortest way round what stands, which it is where the trip is so
+        long that there would be too many cells and instants to look at, and inf where nothing leads through; it is the
+        smaller of what is true and what cells and instants can show, to a thousandth. Waiting for what fills a bounded
+        workspace shows, and going far round; the price of small sidesteps, and of turning, does not. Of a target it
+        is the time at which the target can first be met on free ground; inf if no trip ever meets it.
     """
     deadline = np.inf if time_limit is None else perf_counter() + time_limit
     units = NaturalUnits.of(scenario)
@@ -93,8 +108,10 @@ def bound_among(
     scenario: Scenario, at_most: float | None, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
 ) -> float:
     """Return :func:`lower_bound` of a scenario in natural units."""
-    least = kinematic_bound(scenario)
-    if not scenario.obstacles or scenario.goal.target is not None:
+    if scenario.goal.target is not None:
+        return kinematic_bound(scenario)
+    least = ground_bound(scenario, threat_zones, deadline)
+    if not scenario.obstacles or not np.isfinite(least):
         return least
     return _Bisection(scenario, tuple(threat_zones), least, deadline).bound(at_most)
 

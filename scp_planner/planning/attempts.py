@@ -200,9 +200,9 @@ class ReadyProblem:
     lower_bound: float  # No trip is faster, s
 
     @classmethod
-    def of(cls, everything: Problem) -> ReadyProblem:
-        """Return a problem, and its near part, if there is the memory to plan with that."""
-        least = kinematic_bound(everything.scenario)
+    def of(cls, everything: Problem, least: float = 0.0) -> ReadyProblem:
+        """Return a problem, and its near part, if there is memory for it; no trip takes less than ``least``, s."""
+        least = max(least, kinematic_bound(everything.scenario))
         near = without_far_zones(everything, LONGEST_TRIP * least)
         near.check_memory()
         return cls(everything, near, least)

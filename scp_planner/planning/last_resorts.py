@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StricterSettings:
-    """Limits that are tried, relative to the scenario's, and efforts, relative to the settings', one after the other."""
+    """Limits, relative to the scenario's, and efforts, relative to the settings', that are tried in turn."""
 
     shares: tuple[float, ...] = (0.9, 0.7, 0.5, 0.35)
     most_effort: float = 1000.0  # that settings allow

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.lower_bound import ground_bound, kinematic_bound
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide
 from scp_planner.planning.attempts import Attempt, Tally
@@ -132,11 +132,13 @@ def planned(
     routes = None if constraints is not None else Routes.of(runs.everything, task.deadline)
     first = None if routes is None else routes.first_beside(runs.everything.space.guide)
     if first is None:
-        search = TripSearch(with_short_spans(runs, bends=routes is not None and routes.bends))
+        bends = routes is not None and routes.bends
+        search = TripSearch(with_short_spans(CheckedRuns(_bounded(task)) if bends else runs, bends=bends))
     else:
         # The scene's units are those of the trip, which is longer than the straight line to the goal
         units = NaturalUnits.of(scenario, first.length * units.length)
         inside, task = call.task(units, task.tally)
+        task = _bounded(task)
         everything = CheckedRuns(task).everything
         routes = Routes.of(everything, task.deadline)
         first = None if routes is None else routes.next()
@@ -159,6 +161,13 @@ def _fastest(task: Task) -> ScpRun:
     search.walk(attempts(search, routes, first is not None))
     assert search.best is not None, "the first run is never cut off"
     return search.best
+
+
+def _bounded(task: Task) -> Task:
+    """A task that knows how long the way round what stands takes at least."""
+    with task.tally.timed("search"):
+        least = ground_bound(task.scenario, task.threat_zones, task.deadline)
+    return replace(task, least_time=least if np.isfinite(least) else 0.0)
 
 
 @dataclass(frozen=True)

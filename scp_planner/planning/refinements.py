@@ -11,7 +11,6 @@ from math import ceil, inf
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.tolerances import ARRIVAL_TOLERANCE
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.mathematics.splines import greville_sites
@@ -45,7 +44,7 @@ class RefinementSettings:
     most_path_spans: int = 200
     worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
     notable: float = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
-    slowed: float = 1.25e-2  # relative to the kinematic bound: what less is lost to is hardly the path's splines
+    slowed: float = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
     # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
     unseen: float = 1.0
     tight: float = 1.5
@@ -196,7 +195,7 @@ def may_gain_by_spans(best: ScpRun) -> bool:
     # this is a slope, and in control points their fourth difference over the span.
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
     tight = span * float(np.abs(best.trajectory.path.station_bend.curvature).max())
-    slowed = best.travel_time > (1.0 + REFINEMENT.slowed) * kinematic_bound(best.runs.task.scenario)
+    slowed = best.travel_time > (1.0 + REFINEMENT.slowed) * best.runs.lower_bound
     return slowed and (unseen > REFINEMENT.unseen or tight > REFINEMENT.tight)
 
 

@@ -76,6 +76,7 @@ class Task:
     own_solver: QpSolver | None = None
     given: OwnConstraints | None = None
     arrival_step: float | None = None  # s; the scenario lacks it: the trip is brought to a step at last
+    least_time: float = 0.0  # s; no trip is faster
     thorough: bool = True  # arcs, and a proof that there is no trip, where no way leads to a certified one
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
@@ -125,7 +126,7 @@ class CheckedRuns:
             self.solver, self._fallback = task.solvers()
             if task.given is not None:
                 everything, self.solver = _with_given(everything, task.given, self.solver)
-            ready = ReadyProblem.of(everything)
+            ready = ReadyProblem.of(everything, task.least_time)
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
             self.loop = self._loop(self.problem, LIMITS.hopeless_after, task.steps)
 

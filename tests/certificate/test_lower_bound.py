@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
@@ -273,7 +274,7 @@ def test_a_long_wall_has_to_be_gone_round() -> None:
 
 def test_where_there_is_no_way_it_ends() -> None:
     blocked = scene(wall("wall", (10.0, 0.0), (0.0, 0.0), (1.0, 30.0)), bounds=LANE)
-    assert sp.lower_bound(blocked) == pytest.approx(4.0 * kinematic_bound(blocked))
+    assert sp.lower_bound(blocked) == math.inf
 
 
 def test_a_known_trip_makes_it_finer_not_higher() -> None:
@@ -485,3 +486,34 @@ def test_only_what_stands_and_covers_all_of_the_goal_does_so_for_good(
     lid = disc("lid", (20.0, away), (velocity, 0.0), radius=1.0)
     scenario = scene(disc("far", (5.0, 9.0)), lid, goal={"radius": goal_radius})
     assert goal_is_covered_for_good(scenario, sp.zones(scenario)) is covered
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_it_knows_the_way_round_walls(turn: float) -> None:
+    """A wall of 18 m across the line: over its corners, less what the vehicle is round."""
+    wall = {"rectangle": [1.0, 18.0], "heading": turn}
+    c, s = math.cos(turn), math.sin(turn)
+    scenario = scene(
+        {"id": "wall", "shape": wall, "motion": {"position": [10.0 * c, 10.0 * s]}},
+        start={"heading": None, "speed": 3.0},
+        goal={"position": [20.0 * c, 20.0 * s]},
+    )
+    sharp, rounded = 2.0 * math.hypot(9.5, 9.0) + 1.0, 2.0 * math.hypot(9.2, 9.3) + 1.6
+    bound = sp.lower_bound(scenario)
+    assert sharp / 3.0 < bound < rounded / 3.0
+    plan = sp.plan(scenario)
+    assert plan.certified and plan.lower_bound <= plan.travel_time < 1.03 * plan.lower_bound
+
+
+def test_it_is_infinite_where_nothing_leads_through() -> None:
+    sides = [
+        {"id": f"{x} {y}", "shape": {"rectangle": size, "heading": 0.0}, "motion": {"position": [20.0 + x, y]}}
+        for x, y, size in (
+            (3.0, 0.0, [1.0, 7.0]),
+            (-3.0, 0.0, [1.0, 7.0]),
+            (0.0, 3.0, [7.0, 1.0]),
+            (0.0, -3.0, [7.0, 1.0]),
+        )
+    ]
+    assert sp.lower_bound(scene(*sides)) == math.inf
+    assert math.isfinite(sp.lower_bound(scene(*sides[:3])))

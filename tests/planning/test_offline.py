@@ -111,10 +111,10 @@ def test_the_time_limit_is_kept_and_the_best_so_far_is_returned(monkeypatch: pyt
     assert quick.wall_time <= 0.001 + 0.02
     assert quick.iterations == 0
     exact = sp.Settings(tolerance=1e-8)
-    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.02, None)]
+    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.03, None)]
     iterations = [plan.iterations for plan in plans]
     assert 0 == iterations[0] < iterations[1] < iterations[2]
-    assert plans[1].wall_time <= 0.02 + 0.02
+    assert plans[1].wall_time <= 0.03 + 0.02
     assert plans[1].certified and plans[1].travel_time == pytest.approx(plans[2].travel_time, rel=0.05)
 
 
@@ -174,10 +174,10 @@ def test_goals_close_behind_something_are_reached_steeply() -> None:
     made, more = sp.plan(scenario), sp.plan(scenario, sp.Settings(effort=4.0))
     assert made.certified
     assert made.travel_time <= 1.001 * more.travel_time
-    assert made.gap < 0.07
-    # with more effort it is proved how near that is to the best
-    assert made.lower_bound < more.lower_bound <= more.travel_time
-    assert more.gap < made.gap
+    assert made.gap < 0.035
+    # it is known how near that is to the best: by the way round the post
+    assert made.lower_bound <= more.lower_bound <= more.travel_time
+    assert more.gap <= made.gap
 
 
 def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:
