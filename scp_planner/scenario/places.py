@@ -167,8 +167,8 @@ def limits_at(parts: Sequence[Stretch], positions: Array, about: Mapping[Line, A
     See :meth:`Line.followed`.
     """
     limit = np.full(len(positions), np.inf)
-    near = about or {}
-    stations = {line: line.nearest(positions, near.get(line)) for line in {part.line: None for part in parts}}
+    driven = about or {}
+    stations = {line: line.nearest(positions, driven.get(line)) for line in {part.line: None for part in parts}}
     for part in parts:
         station, near = stations[part.line], SAME_PLACE * part.line.length
         within = (station >= part.first - near) & (station <= part.last + near)
