@@ -15,7 +15,7 @@ from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import estimate_processes
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.tracking.observations import CheckedObservations, Screening, check_observations
+from scp_planner.tracking.observations import CheckedObservations, check_observations
 from scp_planner.tracking.process_estimate import ProcessEstimate, predicted_together
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def estimate_obstacles(obstacles: Sequence[Obstacle], go_on: GoOn | None = None)
                     model.manoeuvre
                 )
             else:
-                alike.setdefault(model.process, {})[place] = check_observations(*given, Screening())
+                alike.setdefault(model.process, {})[place] = check_observations(*given)
         except EstimationError as error:
             raise EstimationError(f"obstacle {obstacle.id!r}: {error}") from error
     for process, records in with_pauses(list(alike.items()), go_on):

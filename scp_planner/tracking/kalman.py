@@ -13,7 +13,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import Dynamics, dynamics_of
-from scp_planner.tracking.observations import CheckedObservations, Screening, check_observations
+from scp_planner.tracking.observations import CheckedObservations, check_observations
 from scp_planner.tracking.process_estimate import ProcessEstimate
 
 
@@ -125,7 +125,7 @@ def estimate_process(
     times: ArrayLike, positions: ArrayLike, model: ProcessModel, covariance: ArrayLike | None = None
 ) -> ProcessEstimate:
     """Estimate a motion with process noise from observations, in any order of time."""
-    seen = check_observations(times, positions, covariance, Screening())
+    seen = check_observations(times, positions, covariance)
     if not len(seen.times):
         raise EstimationError("observations: there are none")
     return estimate_processes(model, [seen])[0]
@@ -155,7 +155,6 @@ def estimate_processes(model: ProcessModel, records: Sequence[CheckedObservation
             mean=state.mean[k],
             state_covariance=state.covariance[k],
             tails=model.tails,
-            rejected=record.rejected,
         )
         for k, record, noise in zip(place, records, noises, strict=True)
     ]

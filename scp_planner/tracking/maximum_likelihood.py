@@ -19,7 +19,7 @@ from scp_planner.tracking.confidence import (
     StudentErrors,
 )
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
-from scp_planner.tracking.observations import CheckedObservations, Screening, check_observations
+from scp_planner.tracking.observations import CheckedObservations, check_observations
 from scp_planner.tracking.tolerances import LAST_DIGITS
 
 HIGHEST_ORDER = 2
@@ -83,7 +83,6 @@ def estimate_motion(
     prior: MotionPrior | None = None,
     *,
     noise: Noise | str = Noise.GENERAL,
-    screening: Screening | None = None,
 ) -> PolynomialEstimate:
     """Estimate position, velocity and acceleration by maximum likelihood; with a prior, maximum a posteriori.
 
@@ -100,8 +99,6 @@ def estimate_motion(
         With one, and a known covariance, fewer observations than order + 1 can be enough.
     noise : Noise
         The form of a covariance that is to be estimated.
-    screening : Screening, optional
-        Treatment of missing and repeated observations; by default they are refused.
 
     Returns
     -------
@@ -116,7 +113,7 @@ def estimate_motion(
     if order not in range(HIGHEST_ORDER + 1):
         raise EstimationError(f"order: {order!r} is not 0, 1 or 2")
     form = word_of(Noise, noise, "noise")
-    seen = check_observations(times, positions, covariance, screening or Screening())
+    seen = check_observations(times, positions, covariance)
     _check_enough(seen, int(order), prior, form)
     t, z, p = seen.times, seen.positions, int(order) + 1
     center = float(t[0] + np.average(t - t[0]))
@@ -149,7 +146,6 @@ def estimate_motion(
         time_scale=scale,
         coefficients=coefficients,
         coefficient_covariance=spread,
-        rejected=seen.rejected,
     )
 
 

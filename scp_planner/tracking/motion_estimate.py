@@ -117,7 +117,6 @@ class PolynomialEstimate(MotionEstimate):
     time_scale: float
     coefficients: Array
     coefficient_covariance: Array  # Covariance of their errors
-    rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
 
     @property
     def velocity(self) -> Array:

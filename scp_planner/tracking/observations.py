@@ -3,62 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.tolerances import DEFINITE, SYMMETRY
-from scp_planner.settings.knobs import word_of
-
-
-class Faulty(StrEnum):
-    """Treatment of a row that is not a number, or that is there twice."""
-
-    REFUSE = "refuse"
-    DROP = "drop"
-
-
-@dataclass(frozen=True)
-class Screening:
-    """Possible faults of observations, and their treatment."""
-
-    missing: Faulty = Faulty.REFUSE  # Rows with a NaN or an infinity, as a sensor writes for a dropout
-    repeated: Faulty = Faulty.REFUSE  # Rows equal to an earlier one in time and position
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "missing", word_of(Faulty, self.missing, "missing"))
-        object.__setattr__(self, "repeated", word_of(Faulty, self.repeated, "repeated"))
 
 
 @dataclass(frozen=True)
 class CheckedObservations:
-    """Finite observations in order of time."""
+    """Finite observations in order of time, none of them twice."""
 
-    times: Array
-    positions: Array
-    covariance: Array | None
-    rows: Index  # Place of each in the input
-    rejected: tuple[int, ...]  # Places in the input of what was left out
+    times: Array  # (n,) s
+    positions: Array  # (n, 2) m
+    covariance: Array | None  # (2, 2) or (n, 2, 2) m^2
 
 
 def check_observations(
-    times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None, screening: Screening
+    times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None = None
 ) -> CheckedObservations:
     """Check and sort observations."""
     t, z = _numbers(times, "time"), _numbers(positions, "position")
     if t.ndim != 1 or z.shape != (len(t), 2):
         raise EstimationError(f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)")
     sigma = None if covariance is None else check_covariance(covariance, len(t))
-    order = np.argsort(t, kind="stable")  # NaN last
-    kept = order[_present(t, z, screening)[order]]
-    kept = kept[_first_of_its_kind(t[kept], z[kept], kept, screening)]
-    rejected = () if len(kept) == len(t) else tuple(np.setdiff1d(np.arange(len(t)), kept).tolist())
-    if sigma is not None and sigma.ndim == 3:
-        sigma = sigma[kept]
-    return CheckedObservations(t[kept], z[kept], sigma, kept, rejected)
+    for name, values, finite in (("time", t, np.isfinite(t)), ("position", z, np.isfinite(z).all(axis=1))):
+        if not finite.all():
+            i = int(np.argmin(finite))
+            raise EstimationError(f"observations.{name}[{i}]: {values[i].tolist()} is not finite")
+    rows = np.lexsort((z[:, 1], z[:, 0], t))
+    same = (t[rows[1:]] == t[rows[:-1]]) & (z[rows[1:]] == z[rows[:-1]]).all(axis=1)
+    if same.any():
+        first, again = rows[int(np.argmax(same)) :][:2].tolist()
+        raise EstimationError(
+            f"observations[{again}]: time {float(t[again])!r} with position {z[again].tolist()} is there twice,"
+            f" first as observations[{first}]"
+        )
+    order = np.argsort(t, kind="stable")
+    return CheckedObservations(t[order], z[order], sigma if sigma is None or sigma.ndim == 2 else sigma[order])
 
 
 def check_covariance(covariance: ArrayLike, count: int) -> Array:
@@ -122,27 +106,3 @@ def _numbers(values: ArrayLike, name: str) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
         raise EstimationError(f"observations.{name}: it is not an array of numbers ({error})") from None
-
-
-def _present(t: Array, z: Array, screening: Screening) -> Mask:
-    there = np.isfinite(t) & np.isfinite(z).all(axis=1)
-    if screening.missing is Faulty.REFUSE and not there.all():
-        i = int(np.argmin(there))
-        name, value = ("position", z[i].tolist()) if np.isfinite(t[i]) else ("time", float(t[i]))
-        raise EstimationError(f"observations.{name}[{i}]: {value} is not finite")
-    return there
-
-
-def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> Mask:
-    first = np.ones(len(t), dtype=bool)
-    again = np.flatnonzero(t[1:] == t[:-1]) + 1
-    for i, begin in zip(again, np.searchsorted(t, t[again]), strict=True):
-        group = begin + np.flatnonzero(first[begin:i])
-        same = group[(z[group] == z[i]).all(axis=1)]
-        if len(same) and screening.repeated is Faulty.REFUSE:
-            raise EstimationError(
-                f"observations[{rows[i]}]: time {float(t[i])!r} with position {z[i].tolist()} is there twice,"
-                f" first as observations[{rows[same[0]]}]"
-            )
-        first[i] = not len(same)
-    return first

@@ -183,7 +183,6 @@ class ProcessEstimate(MotionEstimate):
     mean: Array  # (d, 2) Expected state at the reference time
     state_covariance: Array  # (2 d, 2 d)
     tails: Tails | None = None
-    rejected: tuple[int, ...] = ()  # Observations, by their place in the input, that were left out
     shared: Predictions | None = field(default=None, repr=False, compare=False)  # with others
     place: int = field(default=0, repr=False, compare=False)  # among those
 

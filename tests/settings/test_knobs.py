@@ -23,7 +23,6 @@ from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_
 from scp_planner.settings.online import GiveWay, Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
 from scp_planner.tracking.maximum_likelihood import Noise
-from scp_planner.tracking.observations import Faulty, Screening
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
 EVERY = [
@@ -171,7 +170,6 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Safety: ("safety", lambda word: sp.OnlineSettings(safety=word).safety),
     GiveWay: ("give_way", lambda word: sp.OnlineSettings(give_way=word).give_way),
     Regions: ("regions", lambda word: sp.OnlineSettings(regions=word).regions),
-    Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Noise: ("noise", lambda word: _noise_taken(word)),
     Steering: ("steering", lambda word: sp.Vehicle(**VEHICLE, steering=word).steering),
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),

@@ -17,7 +17,6 @@ from scp_planner.scenario.models import Obstacle
 from scp_planner.tracking.confidence import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.tracking.estimate import estimate_obstacle
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
-from scp_planner.tracking.observations import Faulty, Screening
 
 pytestmark = pytest.mark.numerics
 
@@ -217,43 +216,10 @@ def test_a_prior_must_make_sense(given: dict[str, object], message: str) -> None
         MotionPrior(**given)  # type: ignore[arg-type]
 
 
-class TestScreening:
-    times = np.arange(20) * 0.1
-    positions = observe(np.random.default_rng(21), times)
-
-    def test_missing_rows_are_refused_or_left_out(self) -> None:
-        positions = self.positions.copy()
-        positions[5, 1] = np.nan
-        with pytest.raises(EstimationError, match=r"observations.position\[5\]: \[.*nan\] is not finite"):
-            estimate_motion(self.times, positions, SIGMA)
-        seen = estimate_motion(self.times, positions, SIGMA, screening=Screening(missing=Faulty.DROP))
-        rest = np.delete(np.arange(20), 5)
-        assert seen.rejected == (5,)
-        assert seen.position(3.0) == pytest.approx(
-            estimate_motion(self.times[rest], positions[rest], SIGMA).position(3.0)
-        )
-        times = self.times.copy()
-        times[2] = np.inf
-        with pytest.raises(EstimationError, match=r"observations.time\[2\]: inf is not finite"):
-            estimate_motion(times, self.positions, SIGMA)
-
-    def test_repeated_rows_are_refused_or_left_out(self) -> None:
-        times, positions = np.append(self.times, self.times[7]), self.positions
-        positions = np.vstack([positions, positions[7]])
-        with pytest.raises(EstimationError, match=r"observations\[20\]: time 0.7.* first as observations\[7\]"):
-            estimate_motion(times, positions, SIGMA)
-        seen = estimate_motion(times, positions, SIGMA, screening=Screening(repeated=Faulty.DROP))
-        assert seen.rejected == (20,)
-        assert seen.observations == 20
-
-    def test_two_sensors_at_one_time_are_two_observations(self) -> None:
-        seen = estimate_motion([0, 0, 1, 1], [[0.0, 0.0], [0.2, 0.0], [1.0, 0.0], [1.2, 0.0]], SIGMA, 1)
-        assert seen.position(1.0) == pytest.approx([1.1, 0.0])
-        assert seen.covariance(1.0) == pytest.approx(SIGMA / 2)
-
-    def test_settings_must_make_sense(self) -> None:
-        with pytest.raises(ValueError, match=r"'sometimes'"):
-            Screening(missing="sometimes")  # type: ignore[arg-type]
+def test_two_sensors_at_one_time_are_two_observations() -> None:
+    seen = estimate_motion([0, 0, 1, 1], [[0.0, 0.0], [0.2, 0.0], [1.0, 0.0], [1.2, 0.0]], SIGMA, 1)
+    assert seen.position(1.0) == pytest.approx([1.1, 0.0])
+    assert seen.covariance(1.0) == pytest.approx(SIGMA / 2)
 
 
 @pytest.mark.parametrize(
@@ -270,6 +236,12 @@ class TestScreening:
         ({"times": [0, 0, 1, 1], "positions": np.arange(8).reshape(4, 2)}, "2 different times are too few"),
         ({"times": [[0, 1, 2]]}, r"time has shape \(1, 3\)"),
         ({"positions": np.zeros((3, 3))}, r"position \(3, 3\)"),
+        ({"times": [0.0, np.inf, 2.0]}, r"observations.time\[1\]: inf is not finite"),
+        ({"positions": [[0, 0], [1, 0], [0, np.nan]]}, r"observations.position\[2\]: \[0.0, nan\] is not finite"),
+        (
+            {"times": [1.0, 0.0, 1.0, 1.0], "positions": [[2, 3], [2, 3], [0, 0], [2, 3]]},
+            r"observations\[3\]: time 1.0 with position \[2.0, 3.0\] is there twice, first as observations\[0\]",
+        ),
         ({"positions": [["a", "b"]] * 3}, "observations.position: it is not an array of numbers"),
         ({"covariance": np.eye(3)}, r"covariance: its shape is \(3, 3\)"),
         ({"covariance": [[1.0, 2.0], [2.0, 1.0]]}, "is not positive definite"),

@@ -19,7 +19,7 @@ from scp_planner.tracking.dynamics import Dynamics, MeanReverting, RandomWalk, S
 from scp_planner.tracking.estimate import estimate_obstacle, estimate_obstacles
 from scp_planner.tracking.kalman import estimate_process, estimate_processes
 from scp_planner.tracking.motion_fitting import log_likelihood
-from scp_planner.tracking.observations import Screening, check_observations
+from scp_planner.tracking.observations import check_observations
 from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate
 from scp_planner.tracking.track_files import Track
 from scp_planner.tracking.tracks import Tracks
@@ -285,7 +285,7 @@ def test_regions_cover_motions_that_follow_the_model(kind: str, tails: Tails | N
     if tails is not None:  # one heavy-tailed factor on all that is random, and the inflation on the errors below
         factor = np.sqrt(4.0 / rng.chisquare(4.0, runs))[:, None, None]
         truth, noise = truth * factor, noise * factor
-    records = [check_observations(seen, each, None, Screening()) for each in truth[:, :6] + noise]
+    records = [check_observations(seen, each) for each in truth[:, :6] + noise]
     estimates = estimate_processes(used, records)
     errors = truth[:, 6:] - np.array([each.position(ahead) for each in estimates])
     estimate = estimates[0]
