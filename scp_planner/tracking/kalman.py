@@ -61,11 +61,8 @@ def update_state(dynamics: Dynamics, state: FilterState, times: Array, positions
     predict_state(dynamics, state, times)
     mean, p = state.mean, state.covariance
     innovation = positions - mean[:, 0]
-    xx, xy, yy = (p[:, a, b] + noise[:, a, b] for a, b in ((0, 0), (0, 1), (1, 1)))
-    determinant = xx * yy - xy**2
-    inverse = np.empty_like(noise)
-    inverse[:, 0, 0], inverse[:, 1, 1] = yy / determinant, xx / determinant
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -xy / determinant
+    spread = p[:, :2, :2] + noise
+    inverse = np.linalg.inv(spread)
     gain = p[:, :, :2] @ inverse
     weighted = (inverse @ innovation[:, :, None])[:, :, 0]
     mean += (gain @ innovation[:, :, None]).reshape(mean.shape)
@@ -75,25 +72,23 @@ def update_state(dynamics: Dynamics, state: FilterState, times: Array, positions
     p += np.swapaxes(p, 1, 2).copy()  # rounding would make it lopsided
     p *= 0.5
     squares = np.einsum("na,na->n", weighted, innovation)
-    return -0.5 * (squares + np.log(determinant)) - math.log(2.0 * math.pi)
+    return -0.5 * (squares + np.log(np.linalg.det(spread))) - math.log(2.0 * math.pi)
 
 
 def predict_state(dynamics: Dynamics, state: FilterState, times: Array) -> None:
     """Move the state of each obstacle on to a later time: (N,) s."""
     lag = times - state.times
     f, q = dynamics.transition(lag), dynamics.noise(lag)
+    both = _of_both_axes(f)
     state.mean = f @ state.mean
-    count, d = len(lag), dynamics.states
-    # the same transition for x and y: (N, d, 2, d, 2)
-    p = state.covariance.reshape(count, d, 4 * d)
-    p = (f @ p).reshape(count, d, 2, d, 2)
-    p = np.swapaxes(p, 1, 3).reshape(count, d, 4 * d)
-    p = (f @ p).reshape(count, d, 2, d, 2)
-    p = np.swapaxes(p, 1, 3)
-    p[:, :, 0, :, 0] += q
-    p[:, :, 1, :, 1] += q
-    state.covariance = p.reshape(count, 2 * d, 2 * d)
+    state.covariance = both @ state.covariance @ np.swapaxes(both, 1, 2) + _of_both_axes(q)
     state.times = np.array(times, dtype=float)
+
+
+def _of_both_axes(matrices: Array) -> Array:
+    """Kronecker products of matrices (N, d, d) and the identity of the plane: (N, 2 d, 2 d)."""
+    n, d, _ = matrices.shape
+    return (matrices[:, :, None, :, None] * np.eye(2)[:, None]).reshape(n, 2 * d, 2 * d)
 
 
 @dataclass(frozen=True)

@@ -208,16 +208,11 @@ def error_blocks(products: Array, covariance: Array) -> tuple[Array, Array, Arra
 
 def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
     """Rows (cos^2, sin cos, sin^2), or as many as the order has, at angles (L,), and their derivatives: (L, p) each."""
-    sine, cosine = np.sin(angles), np.cos(angles)
-    rows, slopes = np.empty((len(angles), order + 1)), np.zeros((len(angles), order + 1))
-    for k in range(order + 1):
-        m = order - k
-        rows[:, k] = sine**k * cosine**m
-        if k:
-            slopes[:, k] += k * sine ** (k - 1) * cosine ** (m + 1)
-        if m:
-            slopes[:, k] -= m * sine ** (k + 1) * cosine ** (m - 1)
-    return rows, slopes
+    sine, cosine = np.sin(angles)[:, None], np.cos(angles)[:, None]
+    k = np.arange(order + 1)
+    m = order - k
+    slopes = k * sine ** np.maximum(k - 1, 0) * cosine ** (m + 1) - m * sine ** (k + 1) * cosine ** np.maximum(m - 1, 0)
+    return sine**k * cosine**m, slopes
 
 
 @lru_cache(maxsize=8)
