@@ -62,13 +62,6 @@ def test_exceedance_undoes_the_pointwise_scale(law: ErrorLaw, alpha: float) -> N
     assert law.exceedance(law.pointwise_scale(alpha)) == pytest.approx(alpha, rel=1e-12)
 
 
-def test_estimated_scales_tend_to_the_known_ones() -> None:
-    for law in (HotellingErrors(1e7), StudentErrors(1e7)):
-        for q in (1.0, 6.0, 12.0):
-            assert law.exceedance(q) == pytest.approx(NormalErrors().exceedance(q), rel=1e-4)
-            assert law.exit_rate(q) == pytest.approx(NormalErrors().exit_rate(q), rel=1e-4)
-
-
 @pytest.mark.parametrize("regressors", [1, 2, 3])
 def test_largest_eigenvalue_of_a_wishart_matrix(regressors: int) -> None:
     """The joint density of the eigenvalues, integrated."""
@@ -165,12 +158,6 @@ def test_uniform_scale_solves_its_equation(law: ErrorLaw, alpha: float, length: 
         assert scale == law.pointwise_scale(alpha)
     elif scale > law.pointwise_scale(alpha):
         assert excursion_bound(scale, length, law) == pytest.approx(alpha, rel=1e-9)
-
-
-def test_uniform_scale_agrees_with_a_root_finder() -> None:
-    law = HotellingErrors(9)
-    root = optimize.brentq(lambda q: excursion_bound(q, 0.9, law) - 0.03, 1.0, 1e3, xtol=1e-12)
-    assert uniform_scale(0.03, 0.9, law) == pytest.approx(root, rel=1e-10)
 
 
 def test_no_more_than_the_largest_root_is_asked_for() -> None:

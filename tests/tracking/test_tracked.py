@@ -13,8 +13,9 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.estimate import tracked_motion
+from scp_planner.tracking.kalman import estimate_process, estimate_processes
 from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.motion_filter import MotionFilter
+from scp_planner.tracking.observations import check_observations
 
 pytestmark = pytest.mark.numerics
 
@@ -69,10 +70,7 @@ def test_a_polynomial_goes_on_with_what_the_state_has(components: int) -> None:
 def test_a_filter_that_is_interrupted_goes_on_as_if_it_was_not() -> None:
     """The state of the package's own filter, handed over as a tracker's, foretells the same."""
     for kind in ("random_walk", "singer", "random_walk_acceleration"):
-        own, rng = MotionFilter(process(kind)), np.random.default_rng(1)
-        for k in range(9):
-            own.update(0.3 * k, rng.normal(size=(1, 2)))
-        last = own.estimate()
+        last = estimate_process(0.3 * np.arange(9), np.random.default_rng(1).normal(size=(9, 2)), process(kind))
         mean = last.mean
         told = sp.Estimate(
             time=last.reference_time,
@@ -222,76 +220,16 @@ def test_an_estimate_fits_its_obstacle(changes: dict[str, Any], fault: str) -> N
     assert fault in str(caught.value)
 
 
-class TestOnline:
-    def planner(self, *others: dict[str, Any]) -> sp.Planner:
-        return sp.Planner(scene(*others, confidence=sp.Confidence(level="per_obstacle")))
-
-    def test_an_update_is_the_estimate_of_a_file(self) -> None:
-        """Zones of an obstacle that is told about while driving, and of one that is in the scenario."""
-        (from_file, updated) = (self.planner(obstacle(3, model="car")), self.planner())
-        updated.add_obstacle("one", {"disc": 0.3}, model="car")
-        updated.update_obstacle("one", 0.0, POSITION, VELOCITY, ACCELERATION, covariance=covariance(3))
-        for each in (from_file, updated):
-            each.replan(0.0, (0.0, 0.0), 0.0, 1.0)
-        (a,), (b,) = from_file.zones, updated.zones
-        at = np.linspace(0.0, 5.0, 6)
-        np.testing.assert_array_equal(a.center(at), b.center(at))
-        np.testing.assert_array_equal(a.covariance(at), b.covariance(at))
-
-    def test_its_zone_is_that_of_the_scenario_that_it_says_it_planned_for(self) -> None:
-        for model in ({"order": 2}, "pedestrian"):
-            planner = self.planner(obstacle(2, model=model))
-            planner.update_obstacle("one", 0.2, (5.9, 4.8), VELOCITY, covariance=covariance(2))
-            plan = planner.replan(0.2, (0.2, 0.0), 0.0, 1.0)
-            (zone,), (again,) = planner.zones, sp.zones(planner.scenario)
-            at = np.linspace(0.2, 5.0, 7)
-            np.testing.assert_allclose(again.center(at), zone.center(at), atol=1e-9)
-            # the horizon that zones hold for is one of the scene's own times, and the scene has become shorter
-            np.testing.assert_allclose(again.covariance(at), zone.covariance(at), rtol=1e-3)
-            assert plan.safe
-            assert sp.certify(planner.scenario, plan).holds is plan.certified
-
-    def test_the_newest_counts_and_what_is_older_is_left_out(self) -> None:
-        planner = self.planner(obstacle(2))
-        planner.update_obstacle("one", 0.5, (7.0, 7.0), (0.0, 0.0), covariance=covariance(2))
-        planner.update_obstacle("one", 0.4, (1.0, 1.0), (0.0, 0.0), covariance=covariance(2))
-        planner.replan(0.5, (0.5, 0.0), 0.0, 1.0)
-        np.testing.assert_allclose(planner.zones[0].center(0.5), [7.0, 7.0])
-        (note,) = planner.notes
-        assert note == "one at t = 0.400 s: it came too late, after a newer estimate"
-
-    def test_an_observation_after_it_is_a_newcomers(self) -> None:
-        planner = self.planner(obstacle(2))
-        planner.update_obstacle("one", 0.1, POSITION, VELOCITY, covariance=1e-6 * np.eye(4))
-        planner.observe("one", 0.2, (6.5, 5.5), 0.01 * np.eye(2))
-        planner.replan(0.2, (0.2, 0.0), 0.0, 1.0)
-        zone = planner.zones[0]
-        np.testing.assert_allclose(zone.center(0.2), [6.5, 5.5], atol=1e-6)
-        assert zone.covariance(1.2)[0, 0] > 0.1  # nothing is believed of its velocity
-
-    def test_bad_updates_are_refused(self) -> None:
-        planner = self.planner(obstacle(2))
-        with pytest.raises(ValueError, match="there is no obstacle 'two'"):
-            planner.update_obstacle("two", 0.1, POSITION, VELOCITY, covariance=covariance(2))
-        with pytest.raises(ValueError, match="4 rows of 4"):
-            planner.update_obstacle("one", 0.1, POSITION, VELOCITY, covariance=np.eye(2))
-        with pytest.raises(ValueError, match="velocity"):
-            planner.update_obstacle("one", 0.1, POSITION, (np.nan, 0.0), covariance=covariance(2))
-
-
 def test_filtered_positions_are_no_independent_observations() -> None:
     """Why a tracker's output has a door of its own: taken for observations, it promises far too much."""
     rng, inside, runs, times = np.random.default_rng(5), 0, 100, 0.1 * np.arange(30)
     for _ in range(runs):
         seen = rng.normal(0.0, 0.3, (len(times), 2))  # of something that stands at the origin
-        own = MotionFilter(process("random_walk"))
-        filtered, blurs = [], []
-        for time, position in zip(times, seen, strict=True):
-            own.update(time, position[None], 0.09 * np.eye(2))
-            state = own.estimate()
-            filtered.append(state.mean[0])
-            blurs.append(state.state_covariance[:2, :2])
-        motion = estimate_motion(times, np.array(filtered), np.array(blurs), order=1)
+        noise = 0.09 * np.eye(2)
+        so_far = [check_observations(times[:k], seen[:k], noise) for k in range(1, 31)]
+        states = estimate_processes(process("random_walk"), so_far)
+        filtered, blurs = (np.array([one.mean[0] for one in states]), [one.state_covariance[:2, :2] for one in states])
+        motion = estimate_motion(times, filtered, np.array(blurs), order=1)
         offset = motion.position(4.9)
         inside += float(offset @ np.linalg.solve(motion.covariance(4.9), offset)) <= -2.0 * np.log(0.05)
     assert inside / runs < 0.85
