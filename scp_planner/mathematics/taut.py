@@ -26,7 +26,7 @@ from scp_planner.pauses import look_at_the_clock
 class TautSettings:
     """Rounding, and work that is done at a time."""
 
-    thin: float = 1e-9  # of the extent: polygons overlap by more, and corners turn by more rad
+    thin: float = 1e-7  # of the extent: polygons overlap by more, and corners turn by more rad
     rows: int = 2**20  # pairs of corners, or of legs and edges, that are looked at together
     raster: int = 192  # cells along the longer side, by which blocked legs are found quickly
     looks: int = 32  # at the raster, on each leg
@@ -101,12 +101,12 @@ class ConvexPolygons:
         return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
 
     def covered(self, points: Array, thin: float, own: Index | None = None) -> Mask:
-        """True if points lie in a polygon, or nearer to it than ``thin``, besides the own one of each."""
-        point, polygon = self.near(points, points, thin)
+        """True if points lie in a polygon, deeper than ``thin``, besides the own one of each."""
+        point, polygon = self.near(points, points, 0.0)
         if own is not None:
             other = polygon != own[point]
             point, polygon = point[other], polygon[other]
-        within = self.depths(points[point], polygon) > -thin
+        within = self.depths(points[point], polygon) > thin
         found = np.zeros(len(points), dtype=bool)
         found[point[within]] = True
         return found
@@ -213,6 +213,9 @@ class _Graph:
         for normal, offset in lines.inside:
             kept &= polygons.corners @ normal <= offset + lines.thin
         index = np.flatnonzero(kept)
+        # Of corners that polygons have in common, one: a leg that cuts into another polygon there is not free
+        places = np.round(polygons.corners[index] / (10.0 * lines.thin))
+        index = index[np.sort(np.unique(places, axis=0, return_index=True)[1])]
         if len(index) > TAUT.most_corners:
             raise TooLargeError(f"ground: {len(index)} corners; at most {TAUT.most_corners} are looked at together")
         self.numbers = index
