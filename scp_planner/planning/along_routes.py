@@ -34,11 +34,12 @@ class AlongRouteSettings:
 
     looks: float = 0.25  # units of length, between points of a route that are compared with a guide
     aside: float = 0.5  # of the largest offset: as far is a route from a curved guide that serves it
+    ways: int = 2  # round what stands beside a route, where a run along that failed
     steepest: float = 1.28  # rad, of a route over the straight guide, if that serves it
     slow: float = 1.3  # least radii of the vehicle, of turns at ends where it stands
     wide: float = 8.0  # and of those at ends where it drives, at most
     least: float = 0.5  # units of length, of turns at ends: splines do not follow tighter ones
-    spans: int = 60  # of a path over a route, that its bends may need at first
+    spans: int = 100  # of a path over a route, that its bends may need at first
     stations: int = 400  # of a drive along a guide
 
 
@@ -165,7 +166,7 @@ class AlongGuide(Attempt[TripSearch, ScpRun]):
         goal = problem.ends.goal_speed
         profile = fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
         way = Way(float(profile.times[-1]), stations, np.zeros(len(stations)), profile.times)
-        yield search.runs.attempt(trip_along(problem, way), search.cutoff)
+        yield search.runs.attempt(trip_along(problem, way), search.cutoff, loop=search.runs.patient_loop)
 
 
 class OtherRoutes(Attempt[TripSearch, ScpRun]):
@@ -197,5 +198,7 @@ class OtherRoutes(Attempt[TripSearch, ScpRun]):
 def along_a_guide(runs: CheckedRuns) -> list[Attempt[TripSearch, ScpRun]]:
     """Return the attempts along a route: the route itself, and ways round what is on it, if that moves before."""
     ways = [Ways(runs, coarseness) for coarseness in coarsenesses(runs.problem)]
-    moves = len(runs.problem.zones.moving) > 0
-    return [*ways, AlongGuide(), CloserWays()] if moves else [AlongGuide(), *ways, CloserWays()]
+    if len(runs.problem.zones.moving) > 0:
+        return [*ways, AlongGuide(), CloserWays()]
+    ways[0].most = ALONG.ways
+    return [AlongGuide(), ways[0]]

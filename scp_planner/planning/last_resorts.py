@@ -44,7 +44,11 @@ class StricterLimits(Attempt[TripSearch, ScpRun]):
 
     def due(self, search: TripSearch) -> bool:
         best = search.best
-        return best is not None and not best.holds and search.task.thorough and not search.cut_off
+        if best is None or best.holds or search.cut_off or not search.task.thorough:
+            return False
+        # What stands stands as well for a slower vehicle
+        blocked = any(each.obstacle is not None for each in best.verdict.violations)
+        return not blocked or len(best.runs.problem.zones.standing) == 0
 
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
         best, task = search.best, search.task
