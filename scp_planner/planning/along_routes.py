@@ -18,8 +18,11 @@ from scp_planner.planning.ways_round import CloserWays, Ways
 from scp_planner.problem.guides import STEEPEST, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.profile import fastest_profile
+from scp_planner.routes.gaps import widest_gap
 from scp_planner.routes.roadmap import Roadmap, Route
+from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import Way
@@ -34,6 +37,7 @@ class AlongRouteSettings:
 
     looks: float = 0.25  # units of length, between points of a route that are compared with a guide
     aside: float = 0.5  # of the largest offset: as far is a route from a curved guide that serves it
+    mended: float = 0.02  # violation of a run along a route, that stricter constraints may mend
     ways: int = 2  # round what stands beside a route, where a run along that failed
     steepest: float = 1.28  # rad, of a route over the straight guide, if that serves it
     slow: float = 1.3  # least radii of the vehicle, of turns at ends where it stands
@@ -122,6 +126,23 @@ class Routes:
         self.tried += 1
         return guide
 
+    def told(self, scenario: Scenario, units: NaturalUnits) -> str:
+        """Say how many routes there are, if all were looked at, and which passage is too narrow where there is none."""
+        if not self.exhausted:
+            return ""
+        if self.count:
+            return f"{self.count} route{'' if self.count == 1 else 's'} round what stands, all tried. "
+        gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
+        if gap is None:
+            return "No route leads to the goal, not for the smallest vehicle. "
+        between = " and ".join(gap.between)
+        where = f" (past {between})" if between else ""
+        missing = taken - gap.width * units.length
+        return (
+            f"No route leads to the goal: the widest passage{where} is {gap.width * units.length:.3g} m wide,"
+            f" {missing:.3g} m less than the vehicle takes. "
+        )
+
     def _next(self) -> Route | None:
         try:
             route = next(self._routes, None)
@@ -166,7 +187,9 @@ class AlongGuide(Attempt[TripSearch, ScpRun]):
         goal = problem.ends.goal_speed
         profile = fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
         way = Way(float(profile.times[-1]), stations, np.zeros(len(stations)), profile.times)
-        yield search.runs.attempt(trip_along(problem, way), search.cutoff, loop=search.runs.patient_loop)
+        yield search.runs.attempt(
+            trip_along(problem, way), search.cutoff, loop=search.runs.patient_loop, mended=ALONG.mended
+        )
 
 
 class OtherRoutes(Attempt[TripSearch, ScpRun]):

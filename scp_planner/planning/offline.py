@@ -146,7 +146,10 @@ def planned(
         search = TripSearch(CheckedRuns(task, guide))
     search.walk(attempts(search, routes, first is not None))
     assert search.best is not None, "the first run is never cut off"
-    return _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
+    made = _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
+    if made.reason is None or routes is None:
+        return made
+    return replace(made, reason=made.reason + routes.told(scenario, units))
 
 
 def _fastest(task: Task) -> ScpRun:

@@ -40,6 +40,8 @@ class RefinementSettings:
     small: float = 0.1  # of a span of the path: zones of a smaller radius are passed by turns that it cannot make
     zones_to_a_span: int = 3  # of those, at most
     # how often there are twice as many spans of the path, and the most of them
+    mended: float = 0.02  # violation along a way round what stands, that stricter constraints may mend
+    most_along_routes: int = 120  # spans there: with more of them an iteration takes seconds
     finer_paths: int = 3
     most_path_spans: int = 200
     worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
@@ -152,14 +154,16 @@ class FinerPath(Refinement):
     what, worth = "path with shorter spans", REFINEMENT.worth_finer_paths
 
     def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
-        return 2 * len(best.trajectory.space.path.widths) <= REFINEMENT.most_path_spans and may_gain_by_spans(best)
+        most = REFINEMENT.most_path_spans if best.runs.task.least_time == 0.0 else REFINEMENT.most_along_routes
+        return 2 * len(best.trajectory.space.path.widths) <= most and may_gain_by_spans(best)
 
     def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
         settings = replace(for_scene(task.settings), path_span=space.length / spans)
         runs = CheckedRuns(replace(task, settings=settings), space.guide, _breakpoints_of(space), spans)
-        return runs.attempt(over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable))
+        start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
+        return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)
 
 
 class FinerDrive(Refinement):

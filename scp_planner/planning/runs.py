@@ -173,10 +173,14 @@ class CheckedRuns:
         cutoff: float = np.inf,
         rival: ScpRun | None = None,
         loop: ScpLoop | None = None,
+        mended: float = 0.0,
     ) -> ScpRun:
-        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff.
+
+        A run that fails by no more than ``mended`` is repeated with somewhat stricter constraints.
+        """
         loop = loop or self.loop
-        attempt = self._checked(self.problem, loop, start, cutoff, rival)
+        attempt = self._checked(self.problem, loop, start, cutoff, rival, mended)
         if attempt.run.status is not LoopStatus.ON_TIME:
             return attempt
         on_time = self._on_its_step(attempt.trajectory)
@@ -197,7 +201,13 @@ class CheckedRuns:
         return self._checked(problem, self._loop(problem), trajectory, np.inf, None)
 
     def _checked(
-        self, problem: Problem, loop: ScpLoop, start: Trajectory, cutoff: float, rival: ScpRun | None
+        self,
+        problem: Problem,
+        loop: ScpLoop,
+        start: Trajectory,
+        cutoff: float,
+        rival: ScpRun | None,
+        mended: float = 0.0,
     ) -> ScpRun:
         """Run a loop, and again with what its certificate found missing."""
         for repeat in range(TIGHTENINGS + 1):
@@ -207,11 +217,13 @@ class CheckedRuns:
             if run.status is LoopStatus.ON_TIME:
                 return ScpRun(run, None, self)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
-            if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
+            near = run.evaluation.worst_violation <= mended and run.evaluation.trajectory.travel_time < cutoff
+            if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower and not near):
                 return ScpRun(run, None, self)
             attempt = self.judged(run)
             certificate = attempt.verdict
-            if certificate.holds or not run.feasible or certificate.late or self.task.out_of_time:
+            fails = not run.feasible and run.evaluation.worst_violation > mended
+            if certificate.holds or fails or certificate.late or self.task.out_of_time:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
             problem = self._asking_for_more(problem, attempt, URGENCY**repeat)
