@@ -193,7 +193,11 @@ class TautLines:
 
     def met(self, points: Array, deeper: float = 0.0) -> Index:
         """Return the polygons that a polyline crosses, deeper than a depth in m."""
-        found = [polygon for _, polygon in self.all.crossed(points[:-1], points[1:], max(deeper, self.thin))]
+        thin = max(deeper, self.thin)
+        if len(points) == 1:
+            point, near = self.all.near(points, points, 0.0)
+            return near[self.all.depths(points[point], near) > thin]
+        found = [polygon for _, polygon in self.all.crossed(points[:-1], points[1:], thin)]
         return np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.intp)
 
 

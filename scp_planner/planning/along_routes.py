@@ -131,16 +131,18 @@ class Routes:
         if not self.exhausted:
             return ""
         if self.count:
-            return f"{self.count} route{'' if self.count == 1 else 's'} round what stands, all tried. "
+            return f". {self.count} route{'' if self.count == 1 else 's'} round what stands, all tried"
+        if not self.roadmap.clear(self.roadmap.ends[1:]):  # as is said of what covers it
+            return ""
         gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
         if gap is None:
-            return "No route leads to the goal, not for the smallest vehicle. "
+            return ". No route leads to the goal, not for the smallest vehicle"
         between = " and ".join(gap.between)
         where = f" (past {between})" if between else ""
         missing = taken - gap.width * units.length
         return (
-            f"No route leads to the goal: the widest passage{where} is {gap.width * units.length:.3g} m wide,"
-            f" {missing:.3g} m less than the vehicle takes. "
+            f". No route leads to the goal: the widest passage{where} is {gap.width * units.length:.3g} m wide,"
+            f" {missing:.3g} m less than the vehicle takes"
         )
 
     def _next(self) -> Route | None:

@@ -214,3 +214,19 @@ def test_a_rectangle_that_is_taken_for_a_disc_is_told() -> None:
     assert "crate is taken for a disc of 3.04 m, as its heading is not known: give shape.heading" in hasty(crate)
     known = {**crate, "shape": {"rectangle": [6.0, 5.0], "heading": 0.0}}
     assert "taken for a disc" not in hasty(known)
+
+
+def test_a_passage_that_is_too_narrow_is_named_with_what_is_missing() -> None:
+    """0.45 m between two shelves, for a vehicle of 0.6 m."""
+    hall = {"min": [-2.0, -5.0], "max": [22.0, 5.0]}
+    text = reason(block("low", (10.0, -2.8), (1.0, 5.0)), block("high", (10.0, 2.65), (1.0, 5.0)), bounds=hall)
+    told = text.split("No route leads to the goal: the widest passage (past ")[1]
+    assert told.startswith("low and high) is 0.44")
+    assert float(told.split("wide, ")[1].split(" m")[0]) == pytest.approx(0.15, abs=5e-3)
+
+
+def test_routes_that_were_tried_are_counted() -> None:
+    """A vehicle that cannot turn round the end of a wall in a hall, on either side of it."""
+    hall = {"min": [-2.0, -3.0], "max": [22.0, 3.0]}
+    text = reason(block("wall", (10.0, 0.0), (1.0, 4.2)), bounds=hall, vehicle={"max_curvature": 0.02})
+    assert "2 routes round what stands, all tried" in text
