@@ -136,7 +136,7 @@ class Routes:
             return ""
         gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
         if gap is None:
-            return ". No route leads to the goal, not for the smallest vehicle"
+            return ". No route leads to the goal, however small the vehicle"
         between = " and ".join(gap.between)
         where = f" (past {between})" if between else ""
         missing = taken - gap.width * units.length
