@@ -30,7 +30,7 @@ class TautSettings:
     rows: int = 2**20  # pairs of corners, or of legs and edges, that are looked at together
     raster: int = 192  # cells along the longer side, by which blocked legs are found quickly
     looks: int = 32  # at the raster, on each leg
-    most_corners: int = 12_000
+    most_corners: int = 6_000
     most_pops: int = 400  # polylines that are looked at for the next one
 
 

@@ -10,6 +10,7 @@ from math import cos, inf
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.errors import TooLargeError
 from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.attempts import Attempt
 from scp_planner.planning.runs import CheckedRuns, ScpRun
@@ -148,7 +149,7 @@ class Routes:
     def _next(self) -> Route | None:
         try:
             route = next(self._routes, None)
-        except OutOfTimeError:
+        except (OutOfTimeError, TooLargeError):
             return None
         self.count += route is not None
         self.exhausted = route is None

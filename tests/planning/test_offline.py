@@ -211,3 +211,15 @@ def test_the_guide_of_a_user_is_the_only_one() -> None:
     late = sp.plan(bow)
     assert not late.certified and late.travel_time > 8.0
     assert sp.plan(bow.model_copy(update={"guide": None})).certified
+
+
+def test_more_jerk_makes_no_trip_slower_or_impossible() -> None:
+    """The vehicle brakes as it begins: at a low jerk it has nearly stopped before it may speed up."""
+    braking = {"max_speed": 15.0, "max_acceleration": 2.0, "max_deceleration": 4.0, "max_lateral_acceleration": None}
+    times = []
+    for jerk in (0.45, 0.5, 0.6, 0.8, 1.5):
+        vehicle = {**braking, "radius": 1.0, "max_curvature": None, "max_jerk": jerk}
+        plan = sp.plan(scene(vehicle=vehicle, start={"speed": 5.0, "acceleration": -2.0}, goal={"speed": 0.0}))
+        assert plan.certified, plan.reason
+        times.append(plan.travel_time)
+    assert times == sorted(times, reverse=True)
