@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from scp_planner.online.plan import OnlinePlan as OnlinePlan
     from scp_planner.online.plan import Outcome as Outcome
     from scp_planner.online.planner import Planner as Planner
+    from scp_planner.online.predictor import Predictor as Predictor
     from scp_planner.planning.meeting import Meeting as Meeting
     from scp_planner.planning.meeting import meeting as meeting
     from scp_planner.planning.offline import plan as plan
@@ -84,6 +85,7 @@ _MODULE_OF = {
     "Plan": "planning.plan",
     "PlanError": "errors",
     "PolygonShape": "scenario.shapes",
+    "Predictor": "online.predictor",
     "Rectangle": "scenario.shapes",
     "Planner": "online.planner",
     "Run": "simulation.run",

@@ -31,6 +31,7 @@ from scp_planner.online.inbox import INBOX, Forecast, Inbox, Sighting, Update
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
@@ -76,6 +77,8 @@ class Planner:
     doubts : deque of str
         Which assumptions of what was promised of the last plan did not hold, the newest last; clocks of sensors that
         are ahead of that of the replans, and speeds above the limit.
+    predictor : Predictor or None
+        Asked for the motions of obstacles at each replan.
     listeners : list
         Recorders that are told of obstacles, observations and replans.
     tube : TrackingTube or None
@@ -137,6 +140,7 @@ class Planner:
         self._cycle = 0
         self._speeding = False
         self.listeners: list[Any] = []
+        self.predictor: Predictor | None = None
         self._overrun = 0.0  # s that replans take beyond where they are to end
 
     @property
@@ -395,6 +399,8 @@ class Planner:
             If a number is not finite or time goes backwards.
         """
         began = perf_counter()
+        if self.predictor is not None:
+            self._ask(self.predictor, float(time), position)
         state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
         end = math.inf
         if deadline is not None:
@@ -415,6 +421,14 @@ class Planner:
         for each in self.listeners:
             each.replanned(time, _point("position", position), heading, speed, ended - began)
         return self.plan
+
+    def _ask(self, predictor: Predictor, now: float, position: ArrayLike) -> None:
+        """Take in what a predictor says, for the time that the trip may take."""
+        goal, units = self.given.goal.position, self._units
+        straight = math.dist(units.place(_point("position", position)), goal) / self.given.vehicle.max_speed
+        left = 0.0 if self.plan is None else self.plan.arrival_time - now
+        for name, motion in predictor.predict(now, max(straight * units.time, left)).items():
+            self.update_motion(name, motion)
 
     def record(self, path: str | PathLike[str]) -> Any:
         """Record what the planner is told and answers, until the context that this returns is left.

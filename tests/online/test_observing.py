@@ -176,3 +176,28 @@ def test_known_obstacle_that_is_observed_does_not_move_as_was_known() -> None:
     follow(planner, 0.1)
     assert planner.zones[0].covariances is not None
     assert planner.zones[0].center(0.1) == pytest.approx((12.0, -2.0), abs=1e-6)
+
+
+class Straight:
+    """A predictor that counts how often it is asked, and for how long."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[float, float]] = []
+
+    def predict(self, now: float, horizon: float) -> dict[str, sp.Course]:
+        self.asked.append((now, horizon))
+        times = np.array([now, now + 1.0])
+        return {"walker": sp.Course(time=times, position=np.stack([times + 8.0, 0.0 * times + 3.0], axis=-1))}
+
+
+def test_a_predictor_is_asked_at_each_replan() -> None:
+    planner, predictor = sp.Planner(scene()), Straight()
+    planner.add_obstacle("walker", {"disc": 0.3})
+    planner.predictor = predictor
+    for time in (0.0, 0.1):
+        plan = planner.replan(time, (time, 0.0), 0.0, 1.0)
+        (zone,) = planner.zones
+        assert zone.center(time + 0.5) == pytest.approx((time + 8.5, 3.0), abs=1e-6)
+    assert [now for now, _ in predictor.asked] == [0.0, 0.1]
+    assert predictor.asked[0][1] == pytest.approx(20.0 / 3.0)
+    assert 20.0 / 3.0 < predictor.asked[1][1] < plan.arrival_time
