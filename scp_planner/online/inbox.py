@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from threading import Lock
+from typing import Any
 
 from scp_planner.arrays import Array
 from scp_planner.online import sensor_frames
@@ -96,6 +97,14 @@ class Inbox:
         self.stamps: Stamps[Sighting | Update] = Stamps(start, online.period)
         self._units, self._forget_after = units, online.forget_after
         self._queue: deque[Sighting | Update | Forecast] = deque()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the lock: a copy has its own."""
+        return {name: value for name, value in self.__dict__.items() if name != "work"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.work = Lock()
 
     def __bool__(self) -> bool:
         """True if there is anything in it."""

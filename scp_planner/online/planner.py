@@ -6,6 +6,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
 from time import perf_counter
@@ -142,6 +143,14 @@ class Planner:
         self.listeners: list[Any] = []
         self.predictor: Predictor | None = None
         self._overrun = 0.0  # s that replans take beyond where they are to end
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles have all but what listens."""
+        return {**self.__dict__, "listeners": []}
+
+    def __copy__(self) -> Planner:
+        """Copy a planner that goes on by itself, such as to simulate ahead."""
+        return deepcopy(self)
 
     @property
     def solver(self) -> QpSolver:

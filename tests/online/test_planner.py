@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -306,3 +309,18 @@ def test_who_is_late_answers_honestly_and_finds_back_to_a_plan() -> None:
         planner.remove_obstacle(name)
     plans = [follow(planner, 0.1 * k) for k in range(4, 12)]
     assert plans[-1].certified and any(one.outcome is Outcome.IMPROVED for one in plans)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda planner: pickle.loads(pickle.dumps(planner))])
+def test_a_copy_goes_on_by_itself(copied: Callable[[Planner], Planner]) -> None:
+    """It plans as the planner itself, which does not learn of what the copy is told."""
+    planner = Planner(scene(disc("slow", (8.0, -1.0), (0.0, 0.3))))
+    position, heading, speed = np.zeros(2), 0.0, 1.0
+    for time in (0.0, 0.1, 0.2):
+        other = copied(planner)
+        plan = planner.replan(time, position, heading, speed)
+        assert other.replan(time, position, heading, speed) == plan
+        other.add_obstacle("only there", {"disc": 0.3})
+        assert "only there" not in planner.obstacles.tracks
+        ahead = time + 0.1
+        position, heading, speed = plan.position(ahead), float(plan.heading(ahead)), float(plan.speed(ahead))
