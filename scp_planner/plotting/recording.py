@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor, planar
-from scp_planner.plotting.borders import body_of, boundaries_of, vehicle_rectangle
+from scp_planner.plotting.borders import body_of, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.scenario.units import changed
+from scp_planner.threat_zones.boundaries import boundaries_of
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.target import goal_on_arrival
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.plotting.borders import body_of, boundaries_of
+from scp_planner.plotting.borders import body_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
@@ -25,6 +25,7 @@ from scp_planner.plotting.recording import (
 )
 from scp_planner.plotting.scales import length_text
 from scp_planner.scenario.shapes import Disc
+from scp_planner.threat_zones.boundaries import boundaries_of
 from scp_planner.threat_zones.zone import by_obstacle
 from scp_planner.trips.trip import discs_at
 

@@ -14,9 +14,9 @@ from shapely import Polygon, unary_union
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.arrays import Array
-from scp_planner.plotting.borders import boundary_of
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nice_times
+from scp_planner.threat_zones.boundaries import boundary_of
 
 
 def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:

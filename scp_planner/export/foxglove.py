@@ -1,0 +1,155 @@
+"""Runs as scenes for Foxglove, in MCAP files, by the messages of its own package."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.export.ros import BODY, FRAME, NANOSECONDS
+from scp_planner.files import replacing
+from scp_planner.mathematics.corridor import NAME, WALLS
+from scp_planner.threat_zones.boundaries import boundaries_of
+
+if TYPE_CHECKING:
+    from scp_planner.simulation.cycle import Cycle
+    from scp_planner.simulation.run import Run
+
+_COLOURS = {"vehicle": (0.13, 0.13, 0.13), "plan": (0.0, 0.45, 0.7), "zone": (0.84, 0.37, 0.0), "wall": (0.5, 0.5, 0.5)}
+_SAMPLES = 50
+
+
+def save_scene(
+    run: Run, path: str | PathLike[str], *, frame: str = FRAME, body: str = BODY, epoch: float = 0.0
+) -> None:
+    """Write a run, or a recording that was loaded as one, as an MCAP file that Foxglove shows as it is.
+
+    ``/scene``, ``foxglove.SceneUpdate``, at each replan: zones with the ids of their obstacles, the plan, the vehicle,
+    and at first the walls; ``/tf``, ``foxglove.FrameTransform``, of the vehicle; ``/replan``, JSON: outcome, reason,
+    whether it is safe, and the wall time, s.
+
+    Parameters
+    ----------
+    run : Run
+    path : path
+        .mcap
+    frame, body : str
+        Names of the frame that positions are in and of the vehicle.
+    epoch : float
+        Time of the file at time 0 of the run, s.
+
+    Raises
+    ------
+    ImportError
+        If `foxglove-sdk` is not installed.
+    """
+    try:
+        import foxglove
+        from foxglove import channels, messages
+    except ImportError as error:
+        raise ImportError("scenes need foxglove-sdk: pip install 'scp-planner[foxglove]'") from error
+
+    context, making = foxglove.Context(), _Making(messages, frame)
+    scene = channels.SceneUpdateChannel("/scene", context=context)
+    transform = channels.FrameTransformChannel("/tf", context=context)
+    replans = foxglove.Channel("/replan", context=context)
+    with replacing(path) as temporary, foxglove.open_mcap(temporary, allow_overwrite=True, context=context):
+        for cycle, plan in zip(run.records, run.plans, strict=True):
+            stamp = round((cycle.time + epoch) * NANOSECONDS)
+            left = np.linspace(cycle.time, max(cycle.time, plan.arrival_time), _SAMPLES)
+            names = list(dict.fromkeys(zone.id for zone in cycle.zones if zone.id not in (NAME, WALLS)))
+            entities = [
+                making.entity("plan", stamp, lines=[making.line(plan.position(left), "plan")]),
+                *(making.zone(cycle, name, stamp) for name in names),
+                *(
+                    making.entity(f"wall {number}", stamp, lines=[making.line(wall, "wall", closed=True)])
+                    for number, wall in enumerate(run.scenario.walls if cycle is run.records[0] else ())
+                ),
+                making.vehicle(body, stamp, run.scenario.vehicle),
+            ]
+            gone = making.gone(names, stamp)
+            scene.log(messages.SceneUpdate(deletions=gone, entities=entities), log_time=stamp)
+            transform.log(making.transform(cycle, body, stamp), log_time=stamp)
+            told = {"outcome": cycle.outcome, "safe": cycle.safe, "reason": cycle.reason, "wall_time": cycle.wall_time}
+            replans.log(told, log_time=stamp)
+
+
+class _Making:
+    """Makes messages of one frame; remembers which zones are shown."""
+
+    def __init__(self, messages: Any, frame: str) -> None:
+        self.messages, self.frame = messages, frame
+        self._shown: list[str] = []
+
+    def entity(self, name: str, stamp: int, *, frame: str | None = None, **parts: Any) -> Any:
+        locked = frame is not None
+        return self.messages.SceneEntity(
+            id=name, timestamp=self._time(stamp), frame_id=frame or self.frame, frame_locked=locked, **parts
+        )
+
+    def line(self, points: Any, look: str, *, closed: bool = False) -> Any:
+        made = [self.messages.Point3(x=float(x), y=float(y), z=0.0) for x, y in points]
+        kind = self.messages.LinePrimitiveLineType
+        return self.messages.LinePrimitive(
+            type=kind.LineLoop if closed else kind.LineStrip,
+            thickness=2.0,
+            scale_invariant=True,
+            points=made,
+            color=self._colour(look),
+        )
+
+    def zone(self, cycle: Cycle, name: str, stamp: int) -> Any:
+        several = [record.zone() for record in cycle.zones if record.id == name]
+        now = np.array([cycle.time])
+        center: Array = several[0].center(now)[0]
+        pieces = center + boundaries_of(several, now)[0]
+        text = self.messages.TextPrimitive(
+            pose=self._pose(*center.tolist()),
+            billboard=True,
+            font_size=14.0,
+            scale_invariant=True,
+            color=self._colour("zone"),
+            text=name,
+        )
+        return self.entity(name, stamp, lines=[self.line(each, "zone", closed=True) for each in pieces], texts=[text])
+
+    def vehicle(self, body: str, stamp: int, vehicle: Any) -> Any:
+        side = 2.0 * vehicle.radius
+        size = self.messages.Vector3(x=side, y=side, z=0.1)
+        discs = [
+            self.messages.CylinderPrimitive(
+                pose=self._pose(ahead, 0.0), size=size, bottom_scale=1.0, top_scale=1.0, color=self._colour("vehicle")
+            )
+            for ahead in vehicle.discs
+        ]
+        return self.entity("vehicle", stamp, frame=body, cylinders=discs)
+
+    def gone(self, names: list[str], stamp: int) -> list[Any]:
+        """Deletions of what was shown and is no more."""
+        old = [name for name in self._shown if name not in names]
+        self._shown = names
+        kind = self.messages.SceneEntityDeletionType.MatchingId
+        return [self.messages.SceneEntityDeletion(type=kind, id=name, timestamp=self._time(stamp)) for name in old]
+
+    def transform(self, cycle: Cycle, body: str, stamp: int) -> Any:
+        half = 0.5 * cycle.heading
+        return self.messages.FrameTransform(
+            timestamp=self._time(stamp),
+            parent_frame_id=self.frame,
+            child_frame_id=body,
+            translation=self.messages.Vector3(x=cycle.position[0], y=cycle.position[1], z=0.0),
+            rotation=self.messages.Quaternion(x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half))),
+        )
+
+    def _pose(self, x: float, y: float) -> Any:
+        none = self.messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        return self.messages.Pose(position=self.messages.Vector3(x=x, y=y, z=0.0), orientation=none)
+
+    def _time(self, stamp: int) -> Any:
+        return self.messages.Timestamp(*divmod(stamp, NANOSECONDS))
+
+    def _colour(self, look: str) -> Any:
+        red, green, blue = _COLOURS[look]
+        return self.messages.Color(r=red, g=green, b=blue, a=1.0)

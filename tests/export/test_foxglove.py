@@ -1,0 +1,48 @@
+"""Scenes for Foxglove: read by other packages, by the schemas of Foxglove's own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from scenes import disc, scene
+
+import scp_planner as sp
+from scp_planner.export import save_scene
+
+
+def test_scenes_hold_what_was_planned(tmp_path: Path) -> None:
+    for package in ("foxglove", "foxglove_schemas_protobuf", "mcap_protobuf"):
+        pytest.importorskip(package)
+    from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+    from mcap.reader import make_reader
+
+    wall = [[3.0, 2.0], [5.0, 2.0], [5.0, 3.0], [3.0, 3.0]]
+    scenario = scene(disc("ship", (8.0, -3.0), (0.0, 0.8)), goal={"position": [8.0, 0.0]}, walls=[wall])
+    run = sp.simulate(scenario, noise=0.02, rate=4.0)
+    save_scene(run, tmp_path / "run.mcap", epoch=1.7e9)
+
+    with (tmp_path / "run.mcap").open("rb") as file:
+        found = [(schema, channel.topic, message) for schema, channel, message in make_reader(file).iter_messages()]
+    scenes = [SceneUpdate.FromString(message.data) for _, topic, message in found if topic == "/scene"]
+    places = [FrameTransform.FromString(message.data) for _, topic, message in found if topic == "/tf"]
+    told = [json.loads(message.data) for _, topic, message in found if topic == "/replan"]
+    assert {getattr(schema, "name", "") for schema, topic, _ in found if topic == "/scene"} == {"foxglove.SceneUpdate"}
+    assert len(scenes) == len(places) == len(told) == len(run.records)
+    first = {entity.id: entity for entity in scenes[0].entities}
+    assert set(first) == {"plan", "ship", "vehicle", "wall 0"} and "wall 0" not in {
+        one.id for one in scenes[1].entities
+    }
+    assert first["plan"].lines[0].points[-1].x == pytest.approx(8.0, abs=0.1)
+    assert first["ship"].texts[0].text == "ship"
+    assert first["vehicle"].frame_id == "base_link" and first["vehicle"].cylinders[0].size.x == pytest.approx(0.6)
+    outline = first["ship"].lines[0].points
+    zone = next(each for each in run.records[0].zones if each.id == "ship").zone()
+    for point in outline:
+        assert float(zone.signed_distance(run.records[0].time, (point.x, point.y))) == pytest.approx(0.0, abs=1e-6)
+    for place, record, line in zip(places, run.records, told, strict=True):
+        assert (place.translation.x, place.translation.y) == pytest.approx(record.position)
+        assert place.timestamp.seconds + 1e-9 * place.timestamp.nanos == pytest.approx(record.time + 1.7e9)
+        assert line["outcome"] == record.outcome
