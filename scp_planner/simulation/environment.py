@@ -104,3 +104,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         scenario = self.episode.scenario
         near = float(np.hypot(*(self.goal - self.stage.position))) < scenario.goal.radius
         return {"time": self.stage.clock - scenario.start.time, "clearance": clearance, "arrived": near}
+
+
+# gymnasium.make("scp_planner.simulation.environment:scp_planner/Crowd-v0") imports this module first.
+gymnasium.register("scp_planner/Crowd-v0", f"{__name__}:CrowdEnv")

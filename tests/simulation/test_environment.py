@@ -84,3 +84,10 @@ def test_other_names_are_refused() -> None:
         CrowdEnv("ring")
     with pytest.raises(ValueError, match="people: 0 must be at least 1"):
         CrowdEnv(people=0)
+
+
+def test_gymnasium_makes_it_by_its_id() -> None:
+    made = gymnasium.make("scp_planner.simulation.environment:scp_planner/Crowd-v0", people=3)
+    seen, _ = made.reset(seed=1)
+    assert made.observation_space.contains(seen)
+    assert isinstance(made.unwrapped, CrowdEnv)
