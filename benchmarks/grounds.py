@@ -268,8 +268,8 @@ class Lattice:
             np.rint((np.array(end) - self.low) / STEP).astype(int)
             for end in (self.scenario.start.position, self.scenario.goal.position)
         )
-        heading = self.scenario.start.heading
-        firsts = range(HEADINGS) if heading is None else [round(heading * HEADINGS / (2.0 * math.pi)) % HEADINGS]
+        begun = self.scenario.start.heading
+        firsts = range(HEADINGS) if begun is None else [round(begun * HEADINGS / (2.0 * math.pi)) % HEADINGS]
         found = dijkstra(graph, indices=[int(number[start[0], start[1], one]) for one in firsts], min_only=True)
         near = number[goal[0] - 1 : goal[0] + 2, goal[1] - 1 : goal[1] + 2]
         return float(found[near].min())

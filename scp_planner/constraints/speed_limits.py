@@ -55,7 +55,7 @@ class SpeedLimits(Constraint):
 
     @cached_property
     def _about(self) -> About:
-        """Where the guide follows each line."""
+        """Stations of each line along the guide."""
         space = self.setup.space
         stations = space.tables.station_parameters
         driven = followed(self.stretches, space.guide.frame(stations * space.length).position)
