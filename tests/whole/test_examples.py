@@ -102,6 +102,7 @@ def test_every_example_is_tested_here() -> None:
         "overtaking_oncoming",
         "own_constraint",
         "recorded_crowd",
+        "ros2_node",
         "watch",
     }
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
@@ -247,7 +248,7 @@ def test_the_notebook_runs_from_top_to_bottom(capsys: pytest.CaptureFixture[str]
     shown = [run_cell("".join(cell["source"]), names) for cell in cells]
     assert names["plan"].certified and names["run"].arrived and not names["run"].contact
     pictures = [value for value in shown if "image/png" in getattr(value, "_repr_html_", str)()]
-    assert pictures == [names["plan"], names["run"]]
+    assert pictures == [names["scenario"], names["plan"], names["run"]]
     near, far, later = map(float, re.findall(r"-?\d+\.\d+", capsys.readouterr().out.splitlines()[-1]))
     assert near < 0.05 and far >= 0.2 and later >= 0.0
     # Close to its limits all along: the interpolation between samples loses a little of them, and no clearance.

@@ -172,8 +172,7 @@ WAREHOUSE: dict[str, Any] = {
     "vehicle": {"max_speed": 1.6, "max_acceleration": 0.6, "max_deceleration": 0.8, "max_jerk": 1.5, "radius": 0.5},
     "start": {"speed": 0.0},
     "goal": {"position": [24.0, 14.0], "heading": np.pi / 2, "speed": 0.0},
-    "guide": [[0, 0], [20, 0], [24, 4], [24, 14]],
-    "speed_limits": [{"from": 16.0, "to": 26.0, "speed": 0.8}],
+    "speed_limits": [{"from": 16.0, "to": 26.0, "speed": 0.8, "line": [[0, 0], [20, 0], [24, 4], [24, 14]]}],
 }
 
 
