@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
-from math import inf, isfinite
+from math import inf
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Self
@@ -19,8 +19,8 @@ from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
-from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.outputs import output_named, picture_or_text
+from scp_planner.planning.plan_file import plan_contents, read_fields
 from scp_planner.planning.plan_samples import check_samples
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
@@ -231,51 +231,7 @@ class Plan:
 
     def to_dict(self, samples: int = 200) -> dict[str, Any]:
         """Return the contents of the plan file."""
-        trajectory, frame = self.trip.trajectory, self.trip.frame
-        space = trajectory.space
-        return {
-            "schema": 1,
-            "scenario": self.scenario,
-            "status": str(self.stated_status or self.status),
-            "reason": self.reason,
-            "start_time": self.start_time,
-            "arrival_time": self.arrival_time,
-            "travel_time": self.travel_time,
-            # A stop ends on its path, not at the goal.
-            **({"stops": True} if not trajectory.arrives else {}),
-            "lower_bound": self.lower_bound,
-            **({} if self.converged is None else {"converged": self.converged}),
-            "method": self.method,
-            "solver": self.solver,
-            "iterations": self.iterations,
-            "wall_time": self.wall_time,
-            **({} if self.commonroad is None else {"commonroad": self.commonroad}),
-            "path": {
-                "degree": space.path.coefficients.shape[1] - 1,
-                "knots": (
-                    clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length
-                ).tolist(),
-                "offsets": trajectory.theta.tolist(),
-                "guide": {
-                    "origin": list(frame.origin),
-                    "heading": frame.heading,
-                    **space.guide.to_dict(),
-                },
-            },
-            "acceleration": {
-                "degree": space.acceleration.coefficients.shape[1] - 1,
-                "knots": clamped_knots(
-                    space.acceleration.coefficients.shape[1] - 1, space.acceleration.breakpoints
-                ).tolist(),
-                "coefficients": trajectory.beta.tolist(),
-                "start_speed": space.start_speed,
-            },
-            "clearance": _clearance_written(self.clearance),
-            "limits": {
-                name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
-            },
-            "samples": self.samples(samples),
-        }
+        return plan_contents(self, samples)
 
     def save(self, path: str | PathLike[str], samples: int = 200) -> None:
         """Write the plan file, JSON; a file that stood there is replaced only by a whole one.
@@ -412,30 +368,14 @@ class Plan:
         if reader.get("schema") != 1:
             raise reader.fault("schema", reader.get("schema"), "1")
         trip = trip_in(reader)
-        clearance = reader.part("clearance")
-        limits = reader.part("limits")
         stated = reader.get("status")
         if stated not in _STATED:
             raise reader.fault("status", stated, "one of " + ", ".join(_STATED))
         plan = cls(
-            scenario=str(reader.get("scenario")),
             status=PlanStatus.UNVERIFIED,
-            reason=reader.get("reason"),
             trip=trip,
-            method=str(reader.get("method")),
-            solver=str(reader.get("solver")),
-            iterations=reader.integer("iterations", 0, None),
-            wall_time=reader.number("wall_time"),
-            clearance=_clearance_read(clearance),
-            limits={
-                key: LimitUse(part.number("worst"), part.get("limit"), part.number("time"))
-                for key in limits.data
-                for part in (limits.part(key),)
-            },
-            lower_bound=reader.number("lower_bound") if "lower_bound" in data else 0.0,
-            converged=reader.flag("converged") if data.get("converged") is not None else None,
             stated_status=PlanStatus(stated),
-            commonroad=_commonroad_read(reader.part("commonroad")) if data.get("commonroad") is not None else None,
+            **read_fields(reader),
         )
         if "samples" in data:
             check_samples(reader.part("samples"), trip, lambda name, times: getattr(plan, name)(times))
@@ -473,30 +413,3 @@ class Plan:
         trajectory = self.trip.trajectory
         times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
         return times
-
-
-def _commonroad_read(part: KeyReader) -> dict[str, Any]:
-    """Check the kinds of values alone: what models and cars there are is known to those who plan for them."""
-    return {
-        **{key: str(part.get(key)) for key in ("model", "car")},
-        **{key: part.integer(key, 0, None) for key in ("problem", "state", "discs")},
-        **{key: part.number(key) for key in ("timed_way", "depth")},
-        "turn": None if part.get("turn") is None else part.number("turn"),
-    }
-
-
-def _clearance_written(clearance: Clearance) -> dict[str, Any]:
-    """A clearance for a file: null without obstacles, no number at all if it is not known."""
-    minimum = {"minimum": clearance.minimum if isfinite(clearance.minimum) else None}
-    return {
-        **(minimum if clearance.minimum > -inf else {}),
-        "obstacle": clearance.obstacle,
-        "time": clearance.time,
-    }
-
-
-def _clearance_read(part: KeyReader) -> Clearance:
-    minimum = -inf
-    if "minimum" in part.data:
-        minimum = inf if part.get("minimum") is None else part.number("minimum")
-    return Clearance(minimum, part.get("obstacle"), part.get("time"))
