@@ -9,6 +9,7 @@ from itertools import groupby
 from math import comb
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 
@@ -84,7 +85,7 @@ class PiecewisePolynomials:
         powers = value / np.cumprod(np.r_[1.0, np.full(self.coefficients.shape[2] - 1, time)])
         return PiecewisePolynomials(self.breakpoints * time, self.coefficients * powers[:, None])
 
-    def plus(self, constant: Sequence[float]) -> PiecewisePolynomials:
+    def plus(self, constant: ArrayLike) -> PiecewisePolynomials:
         """Return the functions with a constant (d,) added."""
         coefficients = self.coefficients.copy()
         coefficients[:, :, 0] += np.asarray(constant)

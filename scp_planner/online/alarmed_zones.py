@@ -113,9 +113,10 @@ class Alarmed:
             breaks,
             _pieces(centers, later.centers[:, -1], widths),
             _pieces(moments, later.covariances[:, -1], widths),
+            rate[0],
         )
         soon = future_of(near.of(slice(count)), start)
-        return made_zones(self.tracks, future, level.scales(count, lengths), sizing, soon)
+        return made_zones(self.tracks, future, level, level.scales(self.tracks, lengths), sizing, soon)
 
 
 def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
 from scp_planner.threat_zones.batch import ZoneBatch
 
 LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
@@ -70,7 +70,24 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     later = np.broadcast_to(now + foresight + longer, (count, len(longer)))
     end = np.full((count, 1), np.inf)
     seen = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
-    return replace(batch, covariances=seen)
+    if batch.expected is None:
+        return replace(batch, covariances=seen)
+    return replace(batch, covariances=seen, centers=_beside(batch.centers, batch.expected, now + foresight))
+
+
+def _beside(centers: PiecewisePolynomials, expected: PiecewisePolynomials, until: float) -> PiecewisePolynomials:
+    """Centres that from a time on stay where they are then beside others."""
+    count, every = centers.size, np.arange(centers.size)
+    instant = np.full(count, until)
+    offset = centers.at(every, instant) - expected.at(every, instant)
+    begins = [np.minimum(centers.breakpoints[:, :-1], until), np.maximum(expected.breakpoints[:, :-1], until)]
+    (_, had, terms, width), (_, more, others, _) = centers.coefficients.shape, expected.coefficients.shape
+    late = np.maximum(until - expected.breakpoints[:, :-1], 0.0)
+    moved = expanded(expected.coefficients.reshape(-1, others, width), late.ravel()).reshape(count, more, others, width)
+    coefficients = np.zeros((count, had + more, max(terms, others), width))
+    coefficients[:, :had, :terms], coefficients[:, had:, :others] = centers.coefficients, moved
+    coefficients[:, had:, 0] += offset[:, None]
+    return PiecewisePolynomials(np.concatenate([*begins, np.full((count, 1), np.inf)], axis=1), coefficients)
 
 
 def smaller(batch: ZoneBatch, share: float) -> ZoneBatch:

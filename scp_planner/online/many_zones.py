@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -16,6 +17,7 @@ from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
+from scp_planner.threat_zones.reach import VELOCITY_SHARE, Reach, within_reach
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors, alpha_of_one, uniform_scale
 from scp_planner.tracking.motion_estimate import standardised_speed
@@ -38,12 +40,13 @@ class Level:
         """The probability that one obstacle may be outside with, at one time or at any by the level."""
         return alpha_of_one(str(self.confidence.level), self.confidence.probability, self.estimated)
 
-    def scales(self, count: int, lengths: Callable[[], Array], terms: int | None = None) -> Array:
-        """Give q for so many motions of known noise, (n,)."""
-        if self.confidence.level is ConfidenceLevel.PER_TIME:
-            return np.full(count, _NORMAL.pointwise_scale(self.alpha))
-        every = lengths().tolist()  # who has been seen together for as long has the same
-        found = {one: uniform_scale(self.alpha, one, _NORMAL, terms) for one in set(every)}
+    def scales(self, tracks: Sequence[ObstacleTrack], lengths: Callable[[], Array], terms: int | None = None) -> Array:
+        """Give q for motions of known noise, (n,)."""
+        # who has been seen together for as long has the same
+        per_time = self.confidence.level is ConfidenceLevel.PER_TIME
+        left = [self.alpha * (1.0 - VELOCITY_SHARE) if track.bounded else self.alpha for track in tracks]
+        every = list(zip(left, len(tracks) * [0.0] if per_time else lengths().tolist(), strict=True))
+        found = {one: uniform_scale(*one, _NORMAL, terms) for one in set(every)}
         return np.array([found[one] for one in every])
 
 
@@ -66,20 +69,23 @@ class Future:
     breaks: Array  # (S + 1,) Absolute times, s
     centers: Array  # (K, S, P, 2) m
     covariances: Array  # (K, S, Q, 3) Elements xx, xy, yy, not scaled, m^2
+    rates: Array  # (K, 2, 2) Covariances of the velocities at the beginning, m^2/s^2
 
 
 def zones_of_mixtures(
     tracks: Sequence[ObstacleTrack], mixtures: Mixture, start: float, level: Level, sizing: Sizing | None = None
 ) -> list[ThreatZone]:
     """Make the zones of motions that mixtures of filters predict, all at once."""
-    scales = level.scales(len(tracks), partial(lengths_of, mixtures))
-    return made_zones(tracks, future_of(mixtures, start), scales, sizing)
+    scales = level.scales(tracks, partial(lengths_of, mixtures))
+    return made_zones(tracks, future_of(mixtures, start), level, scales, sizing)
 
 
 def future_of(mixtures: Mixture, start: float) -> Future:
     center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
     covariance = mixtures.errors[:, :, [0, 0, 1], [0, 1, 1]]
-    return Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
+    return Future(
+        np.array([start, start + HORIZON]), center[:, None], covariance[:, None], mixtures.covariance[:, 1, :, 1]
+    )
 
 
 def lengths_of(mixtures: Mixture) -> Array:
@@ -124,6 +130,7 @@ def times_linear(
 def made_zones(
     tracks: Sequence[ObstacleTrack],
     future: Future,
+    level: Level,
     scales: Array,
     sizing: Sizing | None = None,
     soon: Future | None = None,
@@ -144,17 +151,27 @@ def made_zones(
         centers = PiecewisePolynomials(breaks, path)
         later = None if soon is None else Later(centers, PiecewisePolynomials(breaks, future.covariances[k, None]))
         track.predicted = Prediction(start, center[k], covariance[k], _NORMAL, later)
-        zones.append(
-            ThreatZone(
-                track.id,
-                track.body.radius + track.margin,
-                centers,
-                sized[k] if k in sized else PiecewisePolynomials(breaks, spread),
-                track.body.outlines,
-                until=start + HORIZON,
-            )
+        zone = ThreatZone(
+            track.id,
+            track.body.radius + track.margin,
+            centers,
+            sized[k] if k in sized else PiecewisePolynomials(breaks, spread),
+            track.body.outlines,
+            until=start + HORIZON,
         )
+        if track.bounded:
+            track.zone = zone = within_reach(zone, _reach(zone, future.rates[k], level, track.model.bounds))
+        zones.append(zone)
     return zones
+
+
+def _reach(zone: ThreatZone, rate: Array, level: Level, bounds: tuple[float, float]) -> Reach:
+    """Reach from the beginning of a zone, by the covariance of the velocity there."""
+    (position, *more), start = zone.centers.coefficients[0, 0], float(zone.centers.breakpoints[0, 0])
+    velocity = more[0] if more else np.zeros(2)
+    error = math.sqrt(_NORMAL.pointwise_scale(VELOCITY_SHARE * level.alpha) * np.linalg.eigvalsh(rate)[-1])
+    assert zone.covariances is not None, "its motion is estimated"
+    return Reach(start, position, velocity, zone.covariances.coefficients[0, 0, 0], error, *bounds)
 
 
 def _foretold(

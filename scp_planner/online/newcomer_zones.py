@@ -80,9 +80,10 @@ def newcomers_together(
     def lengths() -> Array:
         return lengths_of_polynomials(blocks, _of_time(errors, 0, 1), _of_time(errors, 1, 1))
 
-    future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
+    rates = errors[:, :, :, 1, 1]
+    future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None], rates)
     new = [tracks[k] for k in some.tolist()]
-    zones = made_zones(new, future, level.scales(len(some), lengths))
+    zones = made_zones(new, future, level, level.scales(new, lengths))
     return {track.id: zone for track, zone in zip(new, zones, strict=True)}
 
 

@@ -43,7 +43,14 @@ from scp_planner.scenario.motions import Course, GivenMotion
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
-from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, given_zones
+from scp_planner.threat_zones.of_scenario import (
+    HORIZON,
+    Embodied,
+    EstimatedRegion,
+    estimated_body,
+    estimated_region,
+    given_zones,
+)
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import marginal_scale, outside_probability
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
@@ -335,21 +342,22 @@ class ObstacleTracks:
     def _alone(self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool) -> list[ThreatZone]:
         """Zones of tracks, each from an estimate of its own."""
         estimates = predicted_together([self._estimate(track) for track in tracks])
-        made = [self._computed(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
+        regions = [self._computed(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
         if self.sizes is None:
-            return made
+            return [region.zone() for region in regions]
         # what a zone with its heading allows for is no covariance of a position alone
         turn = [headings and track.body.turning is not None for track in tracks]
         some = [k for k, track in enumerate(tracks) if track.given is None and track.settled and not turn[k]]
-        sized = self.sizes.sized([tracks[k] for k in some], [made[k] for k in some])
-        for k, zone in zip(some, sized, strict=True):
+        sized = self.sizes.sized([tracks[k] for k in some], [regions[k].uncut for k in some])
+        made = dict(zip(some, sized, strict=True))
+        zones = [region.resized(made.get(k, region.uncut)).zone() for k, region in enumerate(regions)]
+        for k, zone in made.items():
             tracks[k].keep_foretold()
-            tracks[k].zone = None if zone is made[k] else zone
-            made[k] = zone
-        return made
+            tracks[k].zone = None if zone is regions[k].uncut else zones[k]
+        return zones
 
-    def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> ThreatZone:
-        """Zone of one track, of its newest observation alone where what was seen makes none."""
+    def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> EstimatedRegion:
+        """Region of one track, of its newest observation alone where what was seen makes none."""
         try:
             return self._plain(track, estimate, *more)
         except EstimationError:
@@ -358,8 +366,8 @@ class ObstacleTracks:
 
     def _plain(
         self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level, headings: bool
-    ) -> ThreatZone:
-        """The zone of one track, as its model has it."""
+    ) -> EstimatedRegion:
+        """The region of one track, as its model has it."""
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
@@ -367,8 +375,8 @@ class ObstacleTracks:
         if track.estimator is not None and track.estimator.bank is not None:
             track.estimator.bank.foretold.put(slots_of([track]), start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
-        track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin)
-        return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
+        track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin, track.model.bounds)
+        return estimated_region(shaped, estimate, self.confidence, level.estimated, start)
 
     def learning(self) -> dict[str, Learning]:
         some = [track for track in self.tracks.values() if learns(track)]

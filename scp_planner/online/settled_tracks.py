@@ -121,8 +121,10 @@ class PolynomialMotions:
         local = shift @ self.spread @ shift.transpose(0, 2, 1)
         growth = local.reshape(count, -1) @ _products(terms)
         covariance = growth[:, :, None] * self.noise[:, None]
-        future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
-        return made_zones(tracks, future, level.scales(count, lambda: self._lengths(start), terms), sizing)
+        rates = self.noise[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        rates = local[:, 1:, 1:][:, :1, :1] * rates if terms > 1 else np.zeros((count, 2, 2))
+        future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None], rates)
+        return made_zones(tracks, future, level, level.scales(tracks, lambda: self._lengths(start), terms), sizing)
 
     def _lengths(self, start: float) -> Array:
         """Standardised lengths over `HORIZON` from a time on, s: (K,)."""
@@ -233,7 +235,7 @@ class SettledTracks:
         """Their zones from a time on, s, in order."""
         zones = self.motions(manoeuvre).zones(self.tracks, start, level, self._sizing)
         for track, zone, (suspect, other) in zip(self.tracks, zones, self._marks, strict=True):
-            track.suspected, track.zone = suspect, zone if other else None
+            track.suspected, track.zone = suspect, zone if other or track.bounded else None
             track.foretold.clear() if self._banked else track.keep_foretold()
         return zones
 

@@ -24,6 +24,7 @@ from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
+from scp_planner.threat_zones.reach import NO_BOUNDS
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import given_prior, tracked_motion
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
@@ -238,6 +239,11 @@ class ObstacleTrack:
     def newest(self) -> float:
         """Time of the newest observation, s."""
         return self.times[-1] if self.times else -math.inf
+
+    @property
+    def bounded(self) -> bool:
+        """True if its model says how fast it may move, or change that."""
+        return self.model.bounds != NO_BOUNDS
 
     @property
     def uncertain(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
@@ -71,6 +72,21 @@ class Model(Part):
         " one, or of a ready-made one; null: none",
         json_schema_extra=also_a_file_name,
     )
+
+    max_speed: Positive | None = by_default(
+        None, description="that predictions never exceed, m/s; null: that of process, if there is one"
+    )
+    max_acceleration: Positive | None = by_default(
+        None, description="that predictions never exceed, m/s2; null: that of process, if there is one"
+    )
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Largest speed, m/s, and acceleration, m/s2, inf where there is none."""
+        speed, acceleration = self.max_speed, self.max_acceleration
+        if self.process is not None:
+            speed, acceleration = speed or self.process.max_speed, acceleration or self.process.max_acceleration
+        return speed or math.inf, acceleration or math.inf
 
     @classmethod
     def named(cls, name: str) -> Self:

@@ -180,6 +180,8 @@ class ProcessModel(Part):
     process: OfParts[Process]
     velocity_deviation: Positive = Field(description="of a velocity component before anything was seen, m/s")
     noise_deviation: Positive = Field(description="of an observation that comes without a covariance, m")
+    max_speed: Positive | None = by_default(None, description="that predictions never exceed, m/s; null: none")
+    max_acceleration: Positive | None = by_default(None, description="that predictions never exceed, m/s2; null: none")
     tails: OfParts[Tails | None] = by_default(None, description="heavy tails; null: normal errors")
     fitted_to: OfParts[FittedTo | None] = by_default(None, description="for the reader")
 

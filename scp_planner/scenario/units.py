@@ -113,10 +113,13 @@ class NaturalUnits(Units):
 
     def model(self, model: Model) -> Model:
         """Return what is known of a motion in these units."""
-        if model.prior is None and model.process is None and model.manoeuvre == 0.0:
+        bounded = model.max_speed is not None or model.max_acceleration is not None
+        if model.prior is None and model.process is None and model.manoeuvre == 0.0 and not bounded:
             return model
         return changed(
             model,
+            max_speed=over(model.max_speed, self.speed),
+            max_acceleration=over(model.max_acceleration, self.acceleration),
             prior=None if model.prior is None else self._prior(model.prior),
             manoeuvre=model.manoeuvre / self.acceleration,
             process=None if model.process is None else self.process(model.process),
@@ -140,6 +143,8 @@ class NaturalUnits(Units):
             ),
             velocity_deviation=model.velocity_deviation / self.speed,
             noise_deviation=model.noise_deviation / self.length,
+            max_speed=over(model.max_speed, self.speed),
+            max_acceleration=over(model.max_acceleration, self.acceleration),
             tails=None if tails is None else changed(tails, lead_time=over(tails.lead_time, self.time)),
         )
 

@@ -49,6 +49,7 @@ class ZoneBatch:
     shaped: Index  # (s,)
     outlines: Outlines | None
     own_directions: PiecewisePolynomials | None = None
+    expected: PiecewisePolynomials | None = None  # predicted means, m; None where all are the centres
 
     @classmethod
     def of(cls, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> ZoneBatch:
@@ -60,7 +61,11 @@ class ZoneBatch:
         ids = [*discs.ids, *(part.id for part in parts)]
         radius = np.array([part.radius for part in parts])
         known = [discs.centers] if len(discs.index) else []
-        centers = frame.points_batch([*known, *(part.centers for part in parts)])
+
+        def sorted_points(paths: Sequence[PiecewisePolynomials]) -> PiecewisePolynomials:
+            points = frame.points_batch([*known, *paths])
+            return points.take(order) if known and parts else points
+
         place = order = np.arange(len(parts))
         if known:  # discs first, then all in the order of the zones
             still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
@@ -73,21 +78,23 @@ class ZoneBatch:
             (k, part.covariances) for k, part in zip(place, parts, strict=True) if part.covariances is not None
         ]
         shaped = [(k, part.outline) for k, part in zip(place, parts, strict=True) if part.outline is not None]
-        directions = None
+        directions = expected = None
         if any(part.pointing is not None for part in parts):
             # Of those without: along the motion. Discs have none, whatever theirs is.
             paths = [part.centers if part.pointing is None else part.pointing for part in parts]
-            pointing = frame.points_batch([*known, *paths])
-            directions = (pointing.take(order) if known else pointing).derivative
+            directions = sorted_points(paths).derivative
+        if any(part.expected is not None for part in parts):
+            expected = sorted_points([part.centers if part.expected is None else part.expected for part in parts])
         return cls(
             ids=tuple(ids),
             radius=radius + inflation,
-            centers=centers.take(order) if known and parts else centers,
+            centers=sorted_points([part.centers for part in parts]),
             uncertain=np.array([k for k, _ in uncertain], dtype=np.intp),
             covariances=frame.covariances_batch([one for _, one in uncertain]) if uncertain else None,
             shaped=np.array([k for k, _ in shaped], dtype=np.intp),
             outlines=Outlines([outline for _, outline in shaped]).turned(-frame.heading) if shaped else None,
             own_directions=directions,
+            expected=expected,
         )
 
     @cached_property
@@ -176,6 +183,7 @@ class ZoneBatch:
             shaped=np.flatnonzero(shaped >= 0),
             outlines=outlines,
             own_directions=None if self.own_directions is None else self.own_directions.take(index),
+            expected=None if self.expected is None else self.expected.take(index),
         )
 
     @cached_property

@@ -18,17 +18,21 @@ class ConvexPart(NamedTuple):
     covariances: PiecewisePolynomials | None
     outline: Outline | None
     pointing: PiecewisePolynomials | None = None
+    expected: PiecewisePolynomials | None = None
 
     @classmethod
     def all_of(cls, zone: ThreatZone) -> list[ConvexPart]:
         """Return all parts; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
         if not zone.outlines:
-            return [cls(zone.id, zone.radius, zone.centers, zone.covariances, None)]
+            return [cls(zone.id, zone.radius, zone.centers, zone.covariances, None, None, zone.expected)]
         found = []
         for outline, centers in zip(zone.outlines, zone.part_centers, strict=True):
             if outline.matrix is not None and not outline.turning and zone.covariances is None:
                 constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
                 found.append(cls(zone.id, zone.radius, zone.centers, constant, None))
             else:
-                found.append(cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing))
+                expected = None if zone.expected is None else zone.expected.plus(outline.middle)
+                found.append(
+                    cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing, expected)
+                )
         return found

@@ -24,11 +24,13 @@ from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits, changed
+from scp_planner.threat_zones.reach import NO_BOUNDS, VELOCITY_SHARE, Reach, within_reach
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 
 if TYPE_CHECKING:
+    from scp_planner.threat_zones.widening import Widening
     from scp_planner.tracking.motion_estimate import MotionEstimate
 
 logger = logging.getLogger(__name__)
@@ -207,8 +209,8 @@ def _zones(
         assert obstacle.motion is not None, "otherwise it is estimated"
         return given_zones(name, shape, margin, obstacle.motion, confidence, estimated, go_on)
     start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
-    body = Embodied(name, shape, estimated_body(shape, obstacle.model), margin)
-    return (estimated_zone(body, estimate, confidence, estimated, start),)
+    body = Embodied(name, shape, estimated_body(shape, obstacle.model), margin, obstacle.model.bounds)
+    return (estimated_region(body, estimate, confidence, estimated, start).zone(),)
 
 
 @dataclass(frozen=True)
@@ -219,35 +221,72 @@ class Embodied:
     shape: Shape
     body: Body
     margin: float  # Extra clearance, m
+    bounds: tuple[float, float] = NO_BOUNDS  # Largest speed, m/s, and acceleration, m/s^2
 
 
-def estimated_zone(
+@dataclass(frozen=True)
+class EstimatedRegion:
+    """Zone of an estimated motion before it is cut to what can be reached, and widened by an uncertain heading."""
+
+    uncut: ThreatZone
+    reach: Reach | None = None
+    widening: Widening | None = None
+
+    def resized(self, uncut: ThreatZone) -> EstimatedRegion:
+        """Return the region with covariances of another size: what can be reached begins in one as much larger."""
+        if uncut is self.uncut or self.reach is None:
+            return replace(self, uncut=uncut)
+        new, old = (
+            float(one.covariances.coefficients[0, 0, 0, [0, 2]].sum())
+            for one in (uncut, self.uncut)
+            if one.covariances is not None
+        )
+        return replace(self, uncut=uncut, reach=replace(self.reach, region=max(new / old, 1.0) * self.reach.region))
+
+    def zone(self) -> ThreatZone:
+        """Return the zone."""
+        found = self.uncut if self.reach is None else within_reach(self.uncut, self.reach)
+        if self.widening is None or found.covariances is None:
+            return found
+        from scp_planner.threat_zones.widening import widened
+
+        return replace(found, covariances=widened(found.covariances, self.widening))
+
+
+def estimated_region(
     obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
-) -> ThreatZone:
-    """Return the zone of an obstacle whose motion is estimated."""
-    from scp_planner.threat_zones.widening import Split, widened, widening_of
+) -> EstimatedRegion:
+    """Return what the zone of an obstacle is made of whose motion is estimated."""
+    from scp_planner.threat_zones.widening import HEADINGS, Split, widening_of
     from scp_planner.tracking.confidence import region_scale
 
     body, widening = obstacle.body, None
     level, probability, sharing = str(confidence.level), confidence.probability, estimated
-    stop = start + HORIZON
+    begin, stop, spent, bounded = start, start + HORIZON, 0.0, obstacle.bounds != NO_BOUNDS
+    split = Split.of(confidence, estimated)
     if body.turning is not None:
-        split = Split.of(confidence, estimated)
-        widening = widening_of(body.turning, estimate, split.heading, start, HORIZON)
+        widening = widening_of(body.turning, estimate, split.spending(HEADINGS.heading_share), start, HORIZON)
         if widening is not None:
-            level, probability, sharing = split.level, split.position, 1
+            spent += HEADINGS.heading_share
             body = Body(0.0, shape_outlines(obstacle.shape, widening.heading))
-    scale = region_scale(level, probability, estimate, obstacles=sharing, start=start, stop=stop)
+    if bounded:
+        spent, begin = spent + VELOCITY_SHARE, min(start, estimate.reference_time)
+    if spent > 0.0:
+        level, probability, sharing = split.level, split.spending(1.0 - spent), 1
+    scale = region_scale(level, probability, estimate, obstacles=sharing, start=begin, stop=stop)
     pieces = estimate.polynomials(start, stop)
-    covariances = PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None])
-    return ThreatZone(
+    zone = ThreatZone(
         obstacle.id,
         body.radius + obstacle.margin + pieces.center_error,
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
-        covariances if widening is None else widened(covariances, widening),
+        PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
         body.outlines,
         until=start + HORIZON,
     )
+    reach = None
+    if bounded:
+        reach = Reach.of(estimate, begin, scale, split.spending(VELOCITY_SHARE), obstacle.bounds)
+    return EstimatedRegion(zone, reach, widening)
 
 
 @dataclass(frozen=True)

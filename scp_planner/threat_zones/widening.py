@@ -40,11 +40,10 @@ _SHARES = np.concatenate([[0.0], np.geomspace(HEADINGS.first_lead, 1.0, HEADINGS
 
 @dataclass(frozen=True)
 class Split:
-    """Division of an obstacle's error probability between its position and its heading."""
+    """Error probability of one obstacle, to be divided between its position, its velocity and its heading."""
 
     level: str
-    position: float  # Probabilities that each holds; of the heading at all times
-    heading: float  # Probabilities that each holds; of the heading at all times
+    alpha: float
 
     @classmethod
     def of(cls, confidence: Confidence, obstacles: int) -> Split:
@@ -52,7 +51,11 @@ class Split:
         alpha, level = outside_probability(confidence.probability), confidence.level
         if level is ConfidenceLevel.JOINT:
             alpha, level = shared_alpha(alpha, obstacles), ConfidenceLevel.PER_OBSTACLE
-        return cls(str(level), 1.0 - (1.0 - HEADINGS.heading_share) * alpha, 1.0 - HEADINGS.heading_share * alpha)
+        return cls(str(level), alpha)
+
+    def spending(self, share: float) -> float:
+        """Return the probability with which something holds that a share is spent on."""
+        return 1.0 - share * self.alpha
 
 
 @dataclass(frozen=True)

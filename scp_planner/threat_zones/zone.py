@@ -45,6 +45,8 @@ class ThreatZone:
     pointing : PiecewisePolynomials or None
         What moves in the direction that turning outlines head in, at about 1 m/s in whatever units, of absolute time;
         None: as the centre does.
+    expected : PiecewisePolynomials or None
+        Predicted mean, m, where the zone is cut to what the obstacle can reach; None: the centres.
     until : float
         Absolute time up to which the zone is known to hold the obstacle, s; inf where that is for ever.
     """
@@ -56,16 +58,12 @@ class ThreatZone:
     outlines: tuple[Outline, ...] = ()
     pointing: PiecewisePolynomials | None = None
     until: float = inf
+    expected: PiecewisePolynomials | None = None
 
     @cached_property
     def part_centers(self) -> tuple[PiecewisePolynomials, ...]:
         """Centres of the outlines, m."""
-        found = []
-        for outline in self.outlines:
-            coefficients = self.centers.coefficients.copy()
-            coefficients[:, :, 0] += outline.middle
-            found.append(PiecewisePolynomials(self.centers.breakpoints, coefficients))
-        return tuple(found)
+        return tuple(self.centers.plus(outline.middle) for outline in self.outlines)
 
     def __repr__(self) -> str:
         shape = f"disc of {self.radius:.4g} m" if not self.outlines else f"{len(self.outlines)} convex outlines"
@@ -82,6 +80,7 @@ class ThreatZone:
             centers=self.centers.shifted(units.clock).plus((-x, -y)),
             covariances=None if self.covariances is None else self.covariances.shifted(units.clock),
             pointing=None if self.pointing is None else self.pointing.shifted(units.clock),
+            expected=None if self.expected is None else self.expected.shifted(units.clock).plus((-x, -y)),
         )
         return replace(_in_units(local, 1.0 / units.length, 1.0 / units.time), until=units.instant(self.until))
 
@@ -95,6 +94,7 @@ class ThreatZone:
             centers=local.centers.plus(units.origin).shifted(-units.clock),
             covariances=None if local.covariances is None else local.covariances.shifted(-units.clock),
             pointing=None if local.pointing is None else local.pointing.shifted(-units.clock),
+            expected=None if local.expected is None else local.expected.plus(units.origin).shifted(-units.clock),
             until=units.absolute(self.until),
         )
 
@@ -200,4 +200,5 @@ def _in_units(zone: ThreatZone, length: float, time: float) -> ThreatZone:
         None if zone.covariances is None else zone.covariances.in_units(length * length, time),
         tuple(outline.in_units(length) for outline in zone.outlines),
         None if zone.pointing is None else zone.pointing.in_units(time, time),
+        expected=None if zone.expected is None else zone.expected.in_units(length, time),
     )

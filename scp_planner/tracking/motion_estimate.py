@@ -90,6 +90,10 @@ class MotionEstimate(ABC):
         """Covariance of the error of the estimated centre at times t (...), s: (..., 2, 2) m^2."""
 
     @abstractmethod
+    def rate(self, t: float) -> tuple[Array, Array]:
+        """Estimated velocity at a time, s, (2,) m/s, and the covariance of its error, (2, 2) m^2/s^2."""
+
+    @abstractmethod
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
         """Centre and covariance over [start, stop], s, as piecewise polynomials in time."""
 
@@ -132,6 +136,10 @@ class PolynomialEstimate(MotionEstimate):
     def covariance(self, t: ArrayLike) -> Array:
         rows = self._rows(t)
         return np.einsum("...j,jakb,...k->...ab", rows, self.coefficient_covariance, rows)
+
+    def rate(self, t: float) -> tuple[Array, Array]:
+        rows = self._rows(t, 1)
+        return rows @ self.coefficients, np.einsum("j,jakb,k->ab", rows, self.coefficient_covariance, rows)
 
     def with_manoeuvre(self, deviation: float) -> PolynomialEstimate:
         """Allow for a change of the acceleration that begins with the last observation."""

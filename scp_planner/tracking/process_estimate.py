@@ -68,7 +68,7 @@ class Predictions:
 
     def covariances(self, lead: Array) -> Array:
         """Covariances of their errors after lead times (...), s: (n, ..., 2, 2) m^2."""
-        errors = self._rates(lead.ravel())[0].reshape(-1, *lead.shape, 2, 2)
+        errors = self.rates(lead.ravel())[0].reshape(-1, *lead.shape, 2, 2)
         return self._inflation(lead)[..., None, None] * errors
 
     def lengths(self, first: float, last: float) -> Array:
@@ -101,7 +101,7 @@ class Predictions:
             return np.ones_like(lead)
         return np.asarray(np.interp(lead, self.tails.lead_time, self.tails.inflation))
 
-    def _rates(self, lead: Array) -> tuple[Array, Array, Array]:
+    def rates(self, lead: Array) -> tuple[Array, Array, Array]:
         """Covariances of the errors, of them with their rates, and of these, all before inflation."""
         d, f, q = self.dynamics.states, self.dynamics.transition(lead), self.dynamics.noise(lead)
         blocks = error_blocks(row_products(f[:, 0], f[:, 1]), self.covariance.reshape(-1, d, 2, d, 2))
@@ -113,7 +113,7 @@ class Predictions:
         """Lengths by an integral over the logarithm of the time in units of a scale, s."""
 
         def speeds(u: Array) -> Array:
-            return scale * np.exp(u) * standardised_speed(*self._rates(scale * np.expm1(u)))
+            return scale * np.exp(u) * standardised_speed(*self.rates(scale * np.expm1(u)))
 
         return integrate(speeds, math.log1p(first / scale), math.log1p(last / scale))
 
@@ -219,6 +219,12 @@ class ProcessEstimate(MotionEstimate):
 
     def covariance(self, t: ArrayLike) -> Array:
         return self._own.covariances(self._lead(t))[0]
+
+    def rate(self, t: float) -> tuple[Array, Array]:
+        found, lead = self._own, self._lead(np.array([t]))
+        velocity = (self.dynamics.transition(lead)[0] @ self.mean)[1]
+        inflation = 1.0 if self.tails is None else max(self.tails.inflation)
+        return velocity, inflation * found.rates(lead)[2][0, 0]
 
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
         check_span(start, stop)
