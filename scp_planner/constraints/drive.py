@@ -23,7 +23,7 @@ class DriveRows:
         count = space.acceleration_size
         self.equalities = 1
         speeds = space.tables.speed_control[1:]
-        moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
+        self._moves = moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
         self._speeds = speeds[moves]
         # Speeds that are fixed at 0, as at a start from rest, stay as they are
         free = (self._speeds @ setup.highest_accelerations > 0.0) | (space.start_speed > 0.0)
@@ -45,26 +45,30 @@ class DriveRows:
         self._fixed[self._down, -1] = 2.0 * setup.lowest_accelerations
         self.count, self.width = self._fixed.shape
 
+    def _highest(self, tau: float) -> Array:
+        return self.setup.highest_speeds(self.setup.limits.speed, tau)[self._moves]
+
     def matrix(self, trip: Trajectory) -> Array:
         """Return the rows of the step from a trip, (count, width): the first ``equalities`` hold with equality."""
-        tables, tau, matrix = self.setup.space.tables, trip.travel_time, self._fixed.copy()
+        setup, tau, matrix = self.setup, trip.travel_time, self._fixed.copy()
         # Arrival: v0 tau + C2(1) b = L(theta)
-        matrix[0, : self.theta_size] = -trip.path.final_gradient[self.setup.ends.free]
-        matrix[0, self._beta] = tau * tau * tables.final_distance
-        matrix[0, -1] = self.setup.space.start_speed * tau
+        matrix[0, : self.theta_size] = -trip.path.final_gradient[setup.ends.free]
+        matrix[0, self._beta] = tau * tau * setup.space.tables.final_distance
+        matrix[0, -1] = setup.space.start_speed * tau
         np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
+        matrix[self._upper, -1] = setup.space.start_speed - self._highest(tau)
         np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
         return matrix
 
     def bounds(self, trip: Trajectory) -> Array:
         """Return the bounds of the rows, (count,): m for the arrival, then m/s of speeds, m/s^2 of accelerations."""
         setup = self.setup
-        tables, limits, v0 = setup.space.tables, setup.limits, setup.space.start_speed
+        tables, v0 = setup.space.tables, setup.space.start_speed
         tau, beta, path = trip.travel_time, trip.beta, trip.path
         bound = np.empty(self.count)
         bound[0] = path.arc_length - v0 * tau - tau * tau * float(tables.final_distance @ beta)
         speeds = v0 + tau * (self._speeds @ beta)
-        bound[self._upper] = limits.speed - speeds
+        bound[self._upper] = self._highest(tau) - speeds
         bound[self._lower] = speeds - self._still
         bound[self._up] = setup.highest_accelerations - beta
         bound[self._down] = beta - setup.lowest_accelerations
@@ -87,10 +91,11 @@ class TopSpeed(Limit):
     near: ClassVar[float] = -np.inf
 
     def excess(self, trip: Trajectory) -> Array:
-        return trip.speed_control_points()[1:] / self.limit - 1.0
+        return trip.speed_control_points()[1:] / self.setup.highest_speeds(self.limit, trip.travel_time) - 1.0
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        return _speed_gradient(self.setup, trip, index) / self.limit
+        limits = self.setup.highest_speeds(self.limit, trip.travel_time)[index]
+        return _speed_gradient(self.setup, trip, index) / limits[:, None]
 
 
 class Forwards(Constraint):

@@ -54,6 +54,13 @@ class Setup:
         """Number of free control points of the offset."""
         return self.ends.free.stop - self.ends.free.start
 
+    def highest_speeds(self, limit: float, tau: float) -> Array:
+        """Highest control points of the speed after the first, m/s: a limit, and above it what brakes can reach."""
+        rows, first = self.space.tables.speed_control[1:], self.space.start_speed
+        if first <= limit:
+            return np.full(len(rows), limit)
+        return np.maximum(first + tau * (rows @ self.lowest_accelerations), limit)
+
     @property
     def step_size(self) -> int:
         """Number of variables of a step: free offsets, accelerations, and rho."""

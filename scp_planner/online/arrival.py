@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from scp_planner.certificate.tolerances import GOAL_SPEED_TOLERANCE
 from scp_planner.online.braking import Braking
 from scp_planner.online.following import Following
@@ -12,6 +14,7 @@ from scp_planner.online.remaining import State
 from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.models import Goal
 from scp_planner.settings.online import SceneOnlineSettings
+from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,14 @@ class Arrival:
             ahead = self._vehicle.centre
             place = place[0] + ahead * math.cos(heading), place[1] + ahead * math.sin(heading)
         return distance_outside(self.goal.region, place) <= self.tolerance
+
+    def is_end_of(self, trip: Trip) -> bool:
+        """True if a trip ends within the tolerance of the goal."""
+        end = trip.positions_at(np.array([trip.frame.time + trip.trajectory.travel_time]))
+        ((x, y),) = trip.frame.to_world(end).tolist()
+        if self.goal.region is None:
+            return self.is_there((x, y))
+        return distance_outside(self.goal.region, (x, y)) <= self.tolerance + abs(self._vehicle.centre)
 
     def is_as_asked(self, state: State) -> bool:
         """True if speed and heading are those of the goal."""

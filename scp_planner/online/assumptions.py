@@ -16,12 +16,12 @@ from scp_planner.scenario.units import NaturalUnits
 class Assumptions:
     """Looks whether what the last plan was promised under still holds."""
 
-    def __init__(self, period: float, following: Following, units: NaturalUnits) -> None:
-        self._period, self._following, self._units = period, following, units
+    def __init__(self, period: float, units: NaturalUnits) -> None:
+        self._period, self._units = period, units
         self._before: Moment | None = None
         self._told: frozenset[str] = frozenset()
 
-    def broken(self, now: Moment, last: OnlinePlan | None) -> tuple[str, ...]:
+    def broken(self, now: Moment, last: OnlinePlan | None, following: Following) -> tuple[str, ...]:
         """Return what does not hold any more and has not been told yet, and remember the moment."""
         before, self._before = self._before, now
         if before is None or last is None:
@@ -31,7 +31,7 @@ class Assumptions:
         if late > self._period * (1.0 + LATE) + TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
         off = now.deviation(last.trip)
-        if not self._following.allows(off):
+        if not following.allows(off):
             length, speed = off.distance * self._units.length, off.speed * self._units.speed
             by = f"{length:.3g} m off its plan, {speed:.3g} m/s in speed and {off.heading:.3g} rad in heading"
             found["track"] = f"the vehicle is {by}: beyond the tracking error"

@@ -108,8 +108,9 @@ class Decision:
         arriving = self._arriving(now, last)
         if arriving is not None:
             return arriving
-        if last is None:
-            return self._anew(now, None)
+        now.aimless = now.last is None or (last is not None and not self.arrival.is_end_of(last.trip))
+        if last is None or now.aimless:
+            return self._anew(now, None, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
@@ -153,12 +154,19 @@ class Decision:
         ends = there or arrival.is_there((x, y), front)
         return stop if ends and stop.safe else None
 
-    def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
-        """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by."""
+    def _anew(self, now: Replan, last: OnlinePlan | None, spare: OnlinePlan | None = None) -> OnlinePlan:
+        """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by.
+
+        ``spare`` is a plan that leads elsewhere, which is driven until there is one to the goal.
+        """
         self._improved = now.cycle
         fresh, self._unfinished = Renewal(self._means, now, self._unfinished), None
         best, why = self._improve(now, fresh, last)
         if isinstance(best, Refusal):
+            kept = None if spare is None else self._still_on(now, spare)
+            if kept is not None:
+                text = f"it can be left for a stop, until there is a plan to the goal: {best.why}"
+                return self._means.plan_of(kept, now, Outcome.KEPT, text)
             plan = self._going_on(now, best.why) or self._fallback.fall_back(now, fresh, last, best)
             # A look that only begins finds nothing before the next replan.
             at_once = self._put_off and not plan.safe and (self._looks.under_way or not self._means.gives_way_late)

@@ -119,7 +119,7 @@ class Looks:
 
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
-        began, problem, first = perf_counter(), loop.problem, now.last is None
+        began, problem, first = perf_counter(), loop.problem, now.aimless
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOKS.runs
@@ -133,9 +133,9 @@ class Looks:
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else LOOKS.nearly_clear
         found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
-        if first or look.over or (found is not None and found.violation <= LOOKS.nearly_clear):
+        if (first and not now.late) or look.over or (found is not None and found.violation <= LOOKS.nearly_clear):
             self._look = None
-        if not first:
+        if now.last is not None:
             self._look_time = max(LOOKS.time_decay * self._look_time, perf_counter() - began)
         return found, said
 
@@ -148,7 +148,7 @@ class Looks:
         self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
     ) -> tuple[Vetted | None, str]:
         """Go on with a look; return the first way that is clear and fast enough, or."""
-        problem, first = loop.problem, now.last is None
+        problem, first = loop.problem, now.aimless
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
         left = most * self._means.online.first_runs
         if not first:
@@ -193,7 +193,7 @@ class Looks:
             self._grid = max(self._grid - 1, 0)
         if not more:
             self._look = None
-        return more and now.last is None
+        return more and now.aimless and look.trip is not None
 
     @staticmethod
     def _go_on(now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float) -> LoopRun:
@@ -203,7 +203,7 @@ class Looks:
         if look.trip.frame != loop.problem.frame:
             start = remaining_trip(loop.problem, look.trip, now.moment.state)
             trust = LOOKS.trust if look.steps else LOOP.first_trust
-        enough = None if now.last is None else LOOKS.fewest_steps
+        enough = None if now.aimless else LOOKS.fewest_steps
         run = loop.run(start, most, cutoff, now.deadline, trust, enough)
         now.lap("scp")
         look.trip, look.steps = (

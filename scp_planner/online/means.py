@@ -70,6 +70,7 @@ class Replan:
     cycle: int  # Its number
     timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
+    aimless: bool = False  # No plan so far leads to the goal
 
     @property
     def late(self) -> bool:

@@ -104,6 +104,14 @@ class ObstacleTracks:
             if track.estimator is None:
                 track.relearn(self.newcomers, self._make)
 
+    def widen(self, margin: float) -> None:
+        """Keep another margin of all obstacles, m."""
+        wider, self.margin = margin - self.margin, margin
+        if wider != 0.0:
+            self._ready = None
+            for track in self.tracks.values():
+                track.margin, track.made = track.margin + wider, None
+
     def _learn_together(self, tracks: Sequence[ObstacleTrack]) -> None:
         """Learn from what has been seen of obstacles before: first how much noise there is, then how they move."""
         for track in tracks:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scp_planner.errors import ScenarioError
 from scp_planner.online.arguments import _point, check_number, direction, speeding
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
@@ -27,9 +28,11 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
-from scp_planner.scenario.models import Scenario, Steering
+from scp_planner.scenario.models import Goal, Scenario, Steering
 from scp_planner.scenario.places import anchored
+from scp_planner.scenario.underway import Underway
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.validation import unknown_key
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
@@ -40,6 +43,10 @@ logger = logging.getLogger(__name__)
 
 SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
 """Default settings of plans in the loop, where there is no time to make up for small violations between samples."""
+
+
+GROUND = ("walls", "bounds", "corridor", "speed_limits")
+"""Fields of a scenario that are its ground."""
 
 
 class Planner(Perception):
@@ -91,7 +98,6 @@ class Planner(Perception):
         tube: TrackingTube | None = None,
     ) -> None:
         units = NaturalUnits.of(scenario)
-        scenario = units.scenario(scenario)
         settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None
@@ -102,34 +108,34 @@ class Planner(Perception):
         if tube is not None and online.tracking_error > 0.0:
             raise ValueError(f"tube, online.tracking_error: {online.tracking_error!r}; give one of them")
         self.tube = None if tube is None else replace(tube, standing=0.0)
-        within = None if tube is None else tube.inside(units)
-        following = Following.of(scenario.vehicle, self._online, within)
-        scenario = scenario.model_copy(update={"vehicle": following.vehicle})
+        self._tube = None if tube is None else tube.inside(units)
+        inside = units.scenario(scenario)
+        margin = self._online.margin(inside.vehicle.max_speed)
+        obstacles = ObstacleTracks(inside.confidence, margin, self._online.newcomers, self._online.watch)
+        obstacles.add(*inside.obstacles)
+        super().__init__(Inbox(obstacles, units, inside.start.time, self._online), units)
         self.plan: OnlinePlan | None = None
         self._last: OnlinePlan | None = None
         self._zones: tuple[ThreatZone, ...] = ()
-        obstacles = ObstacleTracks(
-            scenario.confidence,
-            self._online.margin(scenario.vehicle.max_speed),
-            self._online.newcomers,
-            self._online.watch,
-        )
-        obstacles.add(*scenario.obstacles)
-        # Late or not, the vehicle drives on as fast as it may.
-        in_time = scenario.goal.model_copy(update={"latest_arrival": None})
-        self.given = anchored(scenario.model_copy(update={"goal": in_time}))
-        super().__init__(Inbox(obstacles, units, self.given.start.time, self._online), units)
         self.doubts = deque[str](maxlen=INBOX.most_notes)
-        chosen = solver or solver_named(settings.solver)
-        self._means = Means(self.given, self.settings, self._online, self._inbox, following, units, chosen)
-        self._assumptions = Assumptions(self._means.vetting.period, following, units)
-        self._decision = Decision(self._means)
+        self._asked = anchored(scenario).model_copy(update={"obstacles": ()})  # in the user's units
+        self._take_up(inside, solver or solver_named(settings.solver))
+        self._assumptions = Assumptions(self._means.vetting.period, units)
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
         self._speeding = False
         self.predictor: Predictor | None = None
         self._overrun = 0.0  # s that replans take beyond where they are to end
+
+    def _take_up(self, scenario: Scenario, solver: QpSolver) -> None:
+        """Plan for a scenario from the next replan on, in units of the scene."""
+        following = Following.of(scenario.vehicle, self._online, self._tube)
+        # Late or not, the vehicle drives on as fast as it may.
+        in_time = scenario.goal.model_copy(update={"latest_arrival": None})
+        given = anchored(scenario.model_copy(update={"vehicle": following.vehicle, "goal": in_time}))
+        means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver)
+        self.given, self._means, self._decision = given, means, Decision(means)
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles have all but what listens."""
@@ -152,6 +158,83 @@ class Planner(Perception):
     def zones(self) -> tuple[ThreatZone, ...]:
         """The zones that the last plan was made with: with the planner's margin."""
         return tuple(zone.outside(self._units) for zone in self._zones)
+
+    def set_goal(self, goal: Goal | Mapping[str, Any], guide: ArrayLike | None = None) -> None:
+        """Drive to another goal from the next replan on; tracks, the plan and its certified stop are kept.
+
+        Parameters
+        ----------
+        goal : Goal or mapping
+            As in a scenario.
+        guide : (n, 2), optional
+            m, from about where the vehicle is to the goal; the last one leads to the last goal and is dropped.
+
+        Raises
+        ------
+        ScenarioError
+            With all that is wrong with it; then nothing has changed.
+        """
+        self._change("set_goal", goal=goal, guide=guide)
+
+    def set_limits(self, **limits: Any) -> None:
+        """Drive within other limits of the vehicle from the next replan on.
+
+        Parameters
+        ----------
+        **limits
+            Fields of `Vehicle`, such as ``max_speed``; the others stay.
+
+        Raises
+        ------
+        ScenarioError
+            As :meth:`set_goal`.
+        EstimationError
+            If the vehicle may drive or turn faster than the tube was recorded for.
+        """
+        self._change("set_limits", vehicle={**dict(self._asked.vehicle), **limits})
+
+    def set_ground(self, **ground: Any) -> None:
+        """Drive over another ground from the next replan on.
+
+        The last plan goes on only if it, or the stop from it, is certified over the new ground, too.
+
+        Parameters
+        ----------
+        **ground
+            Of ``walls``, ``bounds``, ``corridor`` and ``speed_limits`` those that change, as in a scenario. The vehicle
+            may be outside of them: it is not safe then, and finds its way out if there is one.
+
+        Raises
+        ------
+        ScenarioError
+            As :meth:`set_goal`.
+        """
+        unknown = [unknown_key(name, value, GROUND) for name, value in ground.items() if name not in GROUND]
+        if unknown:
+            raise ScenarioError("set_ground", unknown)
+        self._change("set_ground", **ground)
+
+    def set_walls(self, walls: Sequence[ArrayLike]) -> None:
+        """Drive among other walls, convex polygons, (n, 2) m each: :meth:`set_ground` of these alone."""
+        self.set_ground(walls=walls)
+
+    def _change(self, call: str, **changes: Any) -> None:
+        """Check changes of what is asked for, in the user's units, and take them up."""
+        start = self._asked.start
+        if self._state is not None:
+            start = self._units.inverse.scenario(self._means.scenario_at(self._state)).start
+        try:
+            asked: Scenario = Underway(**{**dict(self._asked), "start": start, **changes})
+        except ScenarioError as error:
+            raise ScenarioError(call, error.faults) from None
+        asked = anchored(asked)
+        inside = self._units.scenario(asked)
+        with self._inbox.work:
+            self._take_up(inside, self.solver)
+            self._obstacles.widen(self._online.margin(inside.vehicle.max_speed))
+            self._asked = asked
+        for each in self.listeners:
+            each.changed(asked)
 
     @property
     def scenario(self) -> Scenario:
@@ -259,7 +342,7 @@ class Planner(Perception):
         return output_named("planner record")(self, path)
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
-        yield from self._assumptions.broken(now.moment, self._last)
+        yield from self._assumptions.broken(now.moment, self._last, self._means.following)
         yield from self._inbox.leads()
         fast, before = speeding(speed, self.given.vehicle.max_speed * self._units.speed), self._speeding
         self._speeding = fast is not None

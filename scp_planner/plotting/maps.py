@@ -125,6 +125,8 @@ def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
         *axes.plot(*start, marker="o", markersize=5, color="white", markeredgecolor=INK, zorder=5),
         *axes.plot(*goal, marker="*", markersize=11, color="white", markeredgecolor=INK, zorder=5),
     ]
+    if recording.places:
+        marks += axes.plot(*zip(*recording.places, strict=True), "D", markersize=5, color="white", mec=INK, zorder=5)
     if recording.goal_radius > 0.0:
         area = Circle(goal, recording.goal_radius, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
         marks.append(axes.add_patch(area))

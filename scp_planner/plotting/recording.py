@@ -116,6 +116,7 @@ class Recording:
     stretches: tuple[Stretch, ...] = ()
     replans: tuple[ReplanRecord, ...] = ()
     goal_region: Array | None = None  # (k, 2) Polygon that the trip ends in, m
+    places: tuple[tuple[float, float], ...] = ()  # m; to pass on the way, or former goals
 
     @property
     def epoch(self) -> float:
@@ -154,7 +155,9 @@ class Recording:
 
     def extent(self) -> tuple[Array, Array]:
         """Corners of the box that holds the trip and what comes near it, (2,) and (2,) m."""
-        trip = np.vstack([*discs_at(self.position, self.heading, self.discs), np.array([self.goal]), *self.paths])
+        trip = np.vstack(
+            [*discs_at(self.position, self.heading, self.discs), np.array([self.goal, *self.places]), *self.paths]
+        )
         low, high = trip.min(axis=0), trip.max(axis=0)
         reach = max(float((high - low).max()), 4.0 * self.radius)
         near = [trip]

@@ -44,6 +44,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
     speed = np.interp(time, run.time, run.speed)
     acceleration, curvature = _driven(run)
     vehicle = run.scenario.vehicle
+    goals = dict.fromkeys(each.goal.position for each in (run.scenario, *run.changes))
     own_heading = np.interp(time, run.time, np.unwrap(run.heading))
     return Recording(
         facts=_facts(run),
@@ -64,16 +65,17 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             speed_limit_at(run.scenario, position),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
-        **scene_of(run.scenario),
+        **scene_of(run.last_scenario),
+        places=tuple(place for place in goals if place != run.last_scenario.goal.position),
         replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),
     )
 
 
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
     zones = [by_obstacle(record.zone() for record in each.zones) for each in run.records]
-    radius, ground = run.scenario.vehicle.radius, ground_of(run.scenario)
+    radius, ground = run.scenario.vehicle.radius, ground_of(run.last_scenario)
     return tuple(
-        record_outside(name, clearance_of(zones[0][name], time, discs, radius))
+        record_outside(name, clearance_of(next(each[name] for each in zones if name in each), time, discs, radius))
         if name in ground
         else _obstacle(name, run, time, cycle, discs, zones)
         for name in names_of(run)
@@ -84,7 +86,7 @@ def names_of(run: Run) -> tuple[str, ...]:
     """Names of all obstacles of a run: those of its scenario first, in its order; the ground last."""
     known = [record.id for each in run.records for record in each.zones]
     names = dict.fromkeys([*(obstacle.id for obstacle in run.scenario.obstacles), *known, *run.obstacles])
-    return tuple(sorted(names, key=lambda name: name in ground_of(run.scenario)))
+    return tuple(sorted(names, key=lambda name: name in ground_of(run.last_scenario)))
 
 
 def _obstacle(

@@ -106,6 +106,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "speeds": list(recording.speeds),
         "body": None if recording.vehicle_body is None else rounding.of(recording.vehicle_body),
         "goal": rounding.of(np.asarray(recording.goal) - origin),
+        "places": rounding.of(np.array(recording.places).reshape(-1, 2) - origin),
         "goalRadius": recording.goal_radius,
         "goalRegion": None if recording.goal_region is None else rounding.of(recording.goal_region - origin),
         "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),

@@ -15,6 +15,7 @@ import numpy as np
 
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.underway import Underway
 from scp_planner.simulation.cycle import Cycle, ZoneRecord, record_from_dict, record_to_dict
 from scp_planner.simulation.run import Run, plan_from_dict, plan_to_dict, shape_from_dict
 from scp_planner.simulation.sensors import Observation
@@ -88,6 +89,10 @@ class Recorder:
     def added(self, obstacle: str, shape: Any) -> None:
         """Note an obstacle that the planner is told of."""
         self._writer.submit(self._write, {"obstacle": obstacle, "shape": shape.model_dump(mode="json")})
+
+    def changed(self, asked: Scenario) -> None:
+        """Note another goal, ground or limits that the planner is given; the start is where it drives then."""
+        self._writer.submit(self._write, {"changed": asked.to_dict()})
 
     def observed(self, obstacle: str, time: float, position: tuple[float, float], covariance: Any) -> None:
         """Note a position, m, that was observed or reported at a time, s; it is written with the next replan."""
@@ -178,4 +183,5 @@ def run_of(lines: Iterable[Mapping[str, Any]], name: str) -> Run:
         obstacles={},
         plans=tuple(plan_from_dict(line["plan"], name) for line in told),
         shapes={line["obstacle"]: shape_from_dict(line["shape"]) for line in rest if "shape" in line},
+        changes=tuple(Underway.model_validate(line["changed"]) for line in rest if "changed" in line),
     )

@@ -21,6 +21,7 @@ from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Obstacle, Scenario
 from scp_planner.scenario.shapes import Disc, Shape
+from scp_planner.scenario.underway import Underway
 from scp_planner.simulation.cycle import Cycle, finite, infinite, record_from_dict, record_to_dict
 
 if TYPE_CHECKING:
@@ -62,6 +63,8 @@ class Run:
         One a cycle.
     shapes : dict of str to Shape
         Of obstacles that are not in the scenario.
+    changes : tuple of Scenario
+        What goal, ground and limits were from their ``start.time`` on, where they changed on the way.
     """
 
     scenario: Scenario
@@ -79,6 +82,12 @@ class Run:
     obstacles: Mapping[str, Array]
     plans: tuple[Plan, ...]
     shapes: Mapping[str, Shape] = field(default_factory=dict)
+    changes: tuple[Scenario, ...] = ()
+
+    @property
+    def last_scenario(self) -> Scenario:
+        """The scenario as it was at the end."""
+        return self.changes[-1] if self.changes else self.scenario
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -133,6 +142,7 @@ class Run:
             "records": [record_to_dict(record) for record in self.records],
             "plans": [plan_to_dict(plan) for plan in self.plans],
             "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
+            **({"changes": [each.to_dict() for each in self.changes]} if self.changes else {}),
         }
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -183,6 +193,7 @@ class Run:
                 },
                 plans=tuple(plan_from_dict(plan, name) for plan in data["plans"]),
                 shapes={key: shape_from_dict(shape) for key, shape in data["shapes"].items()},
+                changes=tuple(map(Underway.model_validate, data.get("changes", ()))),
             )
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
