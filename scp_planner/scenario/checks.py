@@ -50,6 +50,22 @@ def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Objection]:
         yield Objection(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
 
 
+def backwards_is_no_faster(vehicle: Any) -> Iterator[Objection]:
+    """Driving backwards is no faster than ahead, so that bounds of the travel time hold for both."""
+    for name in ("max_speed", "max_acceleration"):
+        value = None if vehicle.reverse is None else getattr(vehicle.reverse, name)
+        if value is not None and value > getattr(vehicle, name):
+            text = f"must be at most vehicle.{name}, {getattr(vehicle, name):g}"
+            yield Objection(("reverse", name), value, text)
+
+
+def turns_on_the_spot(vehicle: Any) -> Iterator[Objection]:
+    """A rate of turns on the spot is given for a vehicle that can make them."""
+    if vehicle.max_turn_rate is not None and vehicle.steering not in ("on_the_spot", "any"):
+        text = f"only for a vehicle whose steering is on_the_spot or any, not {vehicle.steering}"
+        yield Objection(("max_turn_rate",), vehicle.max_turn_rate, text)
+
+
 def start_acceleration_is_allowed(scenario: Any) -> Iterator[Objection]:
     """The start's acceleration is within the vehicle's limits."""
     value, vehicle = scenario.start.acceleration, scenario.vehicle

@@ -58,10 +58,24 @@ class Steering(StrEnum):
     """In any direction, at any time."""
 
 
+class Reverse(Part):
+    """Limits of the vehicle while it drives backwards, beside those that hold in both directions."""
+
+    max_speed: Positive = Field(description="m/s")
+    max_acceleration: Positive | None = Field(
+        default=None, description="when it speeds up backwards, m/s2; null: that of the vehicle"
+    )
+
+
 class Vehicle(Part):
     """Shape of the vehicle and its limits."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.discs_have_a_reference, checks.long_vehicles_steer_ahead)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.discs_have_a_reference,
+        checks.long_vehicles_steer_ahead,
+        checks.turns_on_the_spot,
+        checks.backwards_is_no_faster,
+    )
 
     radius: Positive = Field(description="disc that covers the vehicle, or one of several that do, m")
     max_speed: Positive = Field(description="m/s")
@@ -87,6 +101,16 @@ class Vehicle(Part):
         Steering.AHEAD,
         description="online, in which directions it can set out: ahead, along its heading; both_ways, from a stand also"
         " backwards; on_the_spot, from a stand in any direction; any, at any time in any direction",
+    )
+    reverse: OfParts[Reverse | None] = by_default(
+        None,
+        description="limits while it drives backwards: plans may then have legs in both directions, with stops"
+        " between them; null: plans lead ahead",
+    )
+    max_turn_rate: Positive | None = Field(
+        default=None,
+        description="of a vehicle that turns on the spot, rad/s: plans may turn it at their start and goal; null: plans"
+        " do not",
     )
     centre: Number = Field(
         default=0.0,

@@ -20,7 +20,7 @@ from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
     from scp_planner.scenario.estimates import Estimate
-    from scp_planner.scenario.models import Goal, Model, Obstacle, Prior, Scenario, SpeedLimit, Start, Vehicle
+    from scp_planner.scenario.models import Goal, Model, Obstacle, Prior, Reverse, Scenario, SpeedLimit, Start, Vehicle
     from scp_planner.scenario.motions import Futures, GivenMotion, Motion
     from scp_planner.scenario.shapes import PolygonShape, Shape
     from scp_planner.scenario.targets import Target
@@ -43,9 +43,9 @@ class NaturalUnits(Units):
         return cls(found.length, found.time, found.origin, found.clock)
 
     @classmethod
-    def to_check(cls, scenario: Scenario) -> NaturalUnits:
-        """Return units to check any plan in."""
-        units, radius = cls.of(scenario), scenario.vehicle.radius
+    def to_check(cls, scenario: Scenario, trip: float | None = None) -> NaturalUnits:
+        """Return units to check any plan in; of one that has several legs by its length, m."""
+        units, radius = cls.of(scenario, trip), scenario.vehicle.radius
         if radius <= units.length:
             return units
         return replace(units, length=radius, time=units.time * (radius / units.length))
@@ -162,7 +162,16 @@ class NaturalUnits(Units):
             max_total_acceleration=over(vehicle.max_total_acceleration, self.acceleration),
             max_power=over(vehicle.max_power, self.factor("m2/s3")),
             centre=vehicle.centre / self.length,
+            reverse=None if vehicle.reverse is None else self._reverse(vehicle.reverse),
+            max_turn_rate=None if vehicle.max_turn_rate is None else vehicle.max_turn_rate * self.time,
             discs=over(vehicle.discs, self.length),
+        )
+
+    def _reverse(self, reverse: Reverse) -> Reverse:
+        return changed(
+            reverse,
+            max_speed=reverse.max_speed / self.speed,
+            max_acceleration=over(reverse.max_acceleration, self.acceleration),
         )
 
     def _start(self, start: Start) -> Start:
