@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
 from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leaves_bounds
+from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
@@ -26,6 +27,7 @@ from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.trips.legs import Legs
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
 
@@ -78,13 +80,21 @@ def certify(
             wider = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + widest})
             scenario = scenario.model_copy(update={"vehicle": wider})
         return certify_samples(scenario, plan, threat_zones)
-    units = NaturalUnits.to_check(scenario)
     if not hasattr(plan, "trip"):
+        NaturalUnits.to_check(scenario)  # which refuses what is no scenario
         raise TypeError(f"plan: must be a Plan or a SampledTrajectory, not {type(plan).__name__}")
-    inside, trip = units.scenario(scenario), plan.trip.inside(units)
+    legs: Legs | None = getattr(plan, "legs", None)
+    units = NaturalUnits.to_check(scenario, None if legs is None else legs.length)
+    inside = units.scenario(scenario)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
-    within = None if tube is None else tube.inside(units)
-    return certify_trip(inside, trip, found, Scope(tube=within)).outside(units)
+    scope = Scope(tube=None if tube is None else tube.inside(units))
+    if legs is None:
+        return certify_trip(inside, plan.trip.inside(units), found, scope).outside(units)
+
+    def check(scene: Scenario, trip: Trip, part: Scope) -> Certificate:
+        return certify_trip(scene, trip, found, part)
+
+    return certify_legs(inside, legs.inside(units), scope, check).outside(units)
 
 
 def certify_trip(

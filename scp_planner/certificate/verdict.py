@@ -87,6 +87,7 @@ UNITS = {
     EARLIEST: "s",
     LATEST: "s",
     "turn while standing": "rad",
+    "speed at rest": "m/s",
     BEYOND_ZONES: "s",
     "start heading": "rad",
     "goal heading": "rad",

@@ -246,6 +246,7 @@ def _path(table: dict[str, NDArray[Any]], frame: str, epoch: float, time: float)
 
 def _trajectory(plan: Plan, table: dict[str, NDArray[Any]], frame: str, body: str, epoch: float) -> Any:
     heading, curvature = table["heading_rad"], table["curvature_per_m"]
+    heading = np.where(plan.backward(table["time_s"]), heading + np.pi, heading)  # as it drives
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
     acceleration = (

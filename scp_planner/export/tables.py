@@ -60,7 +60,7 @@ def plan_table(plan: Plan, times: ArrayLike | int = SAMPLES) -> Table:
         "acceleration_m_per_s2": plan.acceleration(time),
         "lateral_acceleration_m_per_s2": speed**2 * curvature,
         "curvature_per_m": curvature,
-        "distance_m": plan.trip.at(time)[0].distance,
+        "distance_m": plan.distance(time),
     }
 
 

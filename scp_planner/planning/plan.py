@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
@@ -21,10 +22,11 @@ from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan_file import plan_contents, read_fields
-from scp_planner.planning.plan_samples import check_samples
+from scp_planner.planning.plan_samples import Within, check_samples
+from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import KeyReader, trip_in
+from scp_planner.trips.trip_file import KeyReader, legs_in, trip_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,6 +71,7 @@ class Plan:
     reason : str or None
         Why there is no certificate.
     trip : Trip
+        Of several legs the first one.
     method, solver : str
     iterations : int
         Of all runs together.
@@ -92,6 +95,8 @@ class Plan:
         that it states. Files can be edited: ``verified`` and :func:`scp_planner.certify` tell whether the plan holds.
     commonroad : dict or None
         Model, car, problem and aim of CommonRoad that it was planned for; None if it is no plan for one of its models.
+    legs : Legs or None
+        Legs ahead and backwards, with the vehicle standing between them; None: one trip ahead.
     """
 
     scenario: str
@@ -110,6 +115,7 @@ class Plan:
     planned: Scenario | None = field(default=None, repr=False)
     stated_status: PlanStatus | None = None
     commonroad: dict[str, Any] | None = None
+    legs: Legs | None = None
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._identity == other._identity
@@ -171,11 +177,13 @@ class Plan:
     @property
     def start_time(self) -> float:
         """Absolute time of the start, s."""
-        return self.trip.frame.time
+        return self.trip.frame.time if self.legs is None else self.legs.first.time
 
     @property
     def travel_time(self) -> float:
         """Duration of the trip, s."""
+        if self.legs is not None:
+            return self.legs.last.time - self.legs.first.time
         return self.trip.trajectory.travel_time
 
     @property
@@ -183,38 +191,59 @@ class Plan:
         """Absolute time of arrival, s."""
         return self.start_time + self.travel_time
 
+    def _told(self, t: ArrayLike, value: Callable[[Leg, TripPoints], Array]) -> Array:
+        """Return a value of points of the legs at absolute times, (...) s to (..., k)."""
+        if self.legs is not None:
+            return self.legs.told(t, value)
+        leg = Leg(self.trip)
+        return self.trip.told(t, lambda points: value(leg, points))
+
     def position(self, t: ArrayLike) -> Array:
         """Position at absolute times, (...) s to (..., 2) m; at the ends of the trip outside it."""
-        frame = self.trip.frame
-        return self.trip.told(t, lambda points: frame.to_world(points.path.position))
+        return self._told(t, lambda leg, points: leg.trip.frame.to_world(points.path.position))
 
     def velocity(self, t: ArrayLike) -> Array:
         """Velocity vector at absolute times, (...) s to (..., 2) m/s."""
-        frame = self.trip.frame
 
-        def driven(points: TripPoints) -> Array:
+        def driven(leg: Leg, points: TripPoints) -> Array:
             unit = points.path.direction / points.path.speed[:, None]
-            return frame.vectors_to_world(points.speed[:, None] * unit)
+            return leg.trip.frame.vectors_to_world(points.speed[:, None] * unit)
 
-        return self.trip.told(t, driven)
+        return self._told(t, driven)
 
     def speed(self, t: ArrayLike) -> Array:
-        """Speed along the path at absolute times, (...) s to (...) m/s."""
-        return self.trip.told(t, lambda points: points.speed)
+        """Speed along the path at absolute times, (...) s to (...) m/s, also backwards not negative."""
+        return self._told(t, lambda leg, points: points.speed)  # noqa: ARG005
 
     def acceleration(self, t: ArrayLike) -> Array:
-        """Acceleration along the path at absolute times, (...) s to (...) m/s^2."""
-        return self.trip.told(t, lambda points: points.acceleration)
+        """Acceleration along the path, as it is driven, at absolute times, (...) s to (...) m/s^2."""
+        found = self._told(t, lambda leg, points: points.acceleration)  # noqa: ARG005
+        return found if self.legs is None else np.where(self.legs.standing(t), 0.0, found)
 
     def heading(self, t: ArrayLike) -> Array:
-        """Direction of the path at absolute times, (...) s to (...) rad in (-pi, pi]."""
-        frame = self.trip.frame
-        return self.trip.told(t, lambda points: np.arctan2(*frame.vectors_to_world(points.path.direction).T[::-1]))
+        """Heading of the vehicle at absolute times, (...) s to (...) rad in (-pi, pi].
+
+        It is the direction of the path; where the vehicle drives backwards, the opposite one.
+        """
+        if self.legs is not None:
+            return self.legs.heading(t)
+        return self._told(t, lambda leg, points: leg.heading(points))
 
     def curvature(self, t: ArrayLike) -> Array:
-        """Signed curvature of the path at absolute times, (...) s to (...) 1/m, positive to the left."""
-        path = self.trip.trajectory.path
-        return self.trip.told(t, lambda points: path.bend(points.path).curvature)
+        """Signed curvature of the path, as it is driven, at absolute times, (...) s to (...) 1/m, positive to the left.
+
+        The heading changes by it times the speed, ahead and backwards.
+        """
+        return self._told(t, lambda leg, points: leg.trip.trajectory.path.bend(points.path).curvature)
+
+    def distance(self, t: ArrayLike) -> Array:
+        """Distance driven since the start at absolute times, (...) s to (...) m."""
+        found = self._told(t, lambda leg, points: points.distance)  # noqa: ARG005
+        return found if self.legs is None else found + self.legs.driven_before(t)
+
+    def backward(self, t: ArrayLike) -> NDArray[np.bool_]:
+        """True at the absolute times, (...) s to (...), at which it drives backwards, or stood after it did."""
+        return np.zeros(np.shape(t), dtype=bool) if self.legs is None else self.legs.backward(t)
 
     def samples(self, count: int = 200) -> dict[str, list[Any]]:
         """Equidistant samples of the trip as plain lists, keyed as in the plan file."""
@@ -227,6 +256,7 @@ class Plan:
             "speed": self.speed(times).tolist(),
             "acceleration": self.acceleration(times).tolist(),
             "curvature": self.curvature(times).tolist(),
+            **({} if self.legs is None else {"backward": self.backward(times).tolist()}),
         }
 
     def to_dict(self, samples: int = 200) -> dict[str, Any]:
@@ -367,7 +397,8 @@ class Plan:
         reader = KeyReader(data, name)
         if reader.get("schema") != 1:
             raise reader.fault("schema", reader.get("schema"), "1")
-        trip = trip_in(reader)
+        legs = legs_in(reader) if "legs" in data else None
+        trip = trip_in(reader) if legs is None else legs.legs[0].trip
         stated = reader.get("status")
         if stated not in _STATED:
             raise reader.fault("status", stated, "one of " + ", ".join(_STATED))
@@ -376,9 +407,12 @@ class Plan:
             trip=trip,
             stated_status=PlanStatus(stated),
             **read_fields(reader),
+            legs=legs,
         )
         if "samples" in data:
-            check_samples(reader.part("samples"), trip, lambda name, times: getattr(plan, name)(times))
+            driven = trip.trajectory.path.arc_length if legs is None else legs.length
+            within = Within(plan.start_time, plan.travel_time, driven)
+            check_samples(reader.part("samples"), within, lambda name, times: getattr(plan, name)(times))
         return plan
 
     def verified(self, scenario: Scenario, *, tube: TrackingTube | None = None) -> Self:
@@ -410,6 +444,9 @@ class Plan:
     @cached_property
     def knot_times(self) -> Array:
         """Absolute times at which the acceleration's pieces begin and end, (K + 1,) s."""
-        trajectory = self.trip.trajectory
-        times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
-        return times
+        trips = [self.trip] if self.legs is None else [leg.trip for leg in self.legs.legs]
+        each = [
+            trip.frame.time + trip.trajectory.travel_time * trip.trajectory.space.acceleration.breakpoints
+            for trip in trips
+        ]
+        return np.concatenate(each)

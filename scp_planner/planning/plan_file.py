@@ -6,8 +6,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from scp_planner.certificate.verdict import Clearance, LimitUse
-from scp_planner.mathematics.splines import clamped_knots
-from scp_planner.trips.trip_file import KeyReader
+from scp_planner.trips.trip_file import KeyReader, legs_written, trip_written
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
 
 def plan_contents(plan: Plan, samples: int) -> dict[str, Any]:
     """Return the contents of the plan file, with so many samples."""
-    trajectory, frame = plan.trip.trajectory, plan.trip.frame
-    space = trajectory.space
     return {
         "schema": 1,
         "scenario": plan.scenario,
@@ -26,7 +23,7 @@ def plan_contents(plan: Plan, samples: int) -> dict[str, Any]:
         "arrival_time": plan.arrival_time,
         "travel_time": plan.travel_time,
         # A stop ends on its path, not at the goal.
-        **({"stops": True} if not trajectory.arrives else {}),
+        **({"stops": True} if not plan.trip.trajectory.arrives else {}),
         "lower_bound": plan.lower_bound,
         **({} if plan.converged is None else {"converged": plan.converged}),
         "method": plan.method,
@@ -34,26 +31,7 @@ def plan_contents(plan: Plan, samples: int) -> dict[str, Any]:
         "iterations": plan.iterations,
         "wall_time": plan.wall_time,
         **({} if plan.commonroad is None else {"commonroad": plan.commonroad}),
-        "path": {
-            "degree": space.path.coefficients.shape[1] - 1,
-            "knots": (
-                clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length
-            ).tolist(),
-            "offsets": trajectory.theta.tolist(),
-            "guide": {
-                "origin": list(frame.origin),
-                "heading": frame.heading,
-                **space.guide.to_dict(),
-            },
-        },
-        "acceleration": {
-            "degree": space.acceleration.coefficients.shape[1] - 1,
-            "knots": clamped_knots(
-                space.acceleration.coefficients.shape[1] - 1, space.acceleration.breakpoints
-            ).tolist(),
-            "coefficients": trajectory.beta.tolist(),
-            "start_speed": space.start_speed,
-        },
+        **(trip_written(plan.trip) if plan.legs is None else legs_written(plan.legs)),
         "clearance": _clearance_written(plan.clearance),
         "limits": {
             name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in plan.limits.items()

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.planning.tolerances import SAMPLE_ROUNDING, SAMPLES_TOLERANCE
-from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import KeyReader
 
 
-def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Array]) -> None:
+@dataclass(frozen=True)
+class Within:
+    """A trip that samples are of: its start, absolute time in s, its duration, s, and its length, m."""
+
+    first: float
+    lasts: float
+    length: float
+
+
+def check_samples(part: KeyReader, trip: Within, told: Callable[[str, Array], Array]) -> None:
     """Refuse samples of a plan file that its path and acceleration do not give."""
-    times, first, lasts = part.vector("time", None), trip.frame.time, trip.trajectory.travel_time
+    times, first, lasts = part.vector("time", None), trip.first, trip.lasts
     last = first + lasts
     slack = SAMPLES_TOLERANCE * lasts + SAMPLE_ROUNDING * max(abs(first), abs(last))
     if len(times) < 2 or np.any(np.diff(times) < 0.0) or times[0] < first - slack or times[-1] > last + slack:
         raise part.fault("time", times.tolist(), f"at least two times in order, from {first!r} to {last!r}")
-    length = trip.trajectory.path.arc_length
+    length = trip.length
     fastest = max(length / lasts, float(told("speed", times).max()))
     # A trip without curvature has values of rounding alone: there is a least scale
     scales = {

@@ -97,10 +97,12 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
     Raises
     ------
     ValueError
-        If the suffix is another one.
+        If the suffix is another one, or the plan has several legs.
     """
     from matplotlib.figure import Figure
 
+    if plan.legs is not None:
+        raise ValueError(f"view: space-time shows one trip ahead, and this plan has {len(plan.legs.legs)} legs")
     if path is not None:
         check_suffix(path, FIGURE_SUFFIXES)
     grids = _grids(plan, 6.0 * scenario.vehicle.radius)

@@ -1,4 +1,4 @@
-"""Reading a trip from a plan's file."""
+"""Trips in a plan's file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.trips.guide import Guide, guide_from_dict
+from scp_planner.trips.legs import Leg, Legs, Stand
 from scp_planner.trips.space import TripSpace
+from scp_planner.trips.tolerances import SAME_TIME
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -46,6 +48,13 @@ class KeyReader:
         if not isinstance(value, dict):
             raise self.fault(key, value, "an object")
         return KeyReader(value, self._file, self._where(key))
+
+    def parts(self, key: str) -> list[KeyReader]:
+        """Return the mappings in the list of a key, of which there is at least one."""
+        value = self.get(key)
+        if not isinstance(value, list) or not value or not all(isinstance(each, dict) for each in value):
+            raise self.fault(key, value, "a list of objects")
+        return [KeyReader(each, self._file, self._where(f"{key}[{number}]")) for number, each in enumerate(value)]
 
     def number(self, key: str) -> float:
         """Return a finite number."""
@@ -110,6 +119,55 @@ class KeyReader:
         if len(breaks) < 2 or np.any(np.diff(breaks) <= 0.0) or np.any(clamped_knots(degree, breaks) != knots):
             raise self.fault(key, knots.tolist(), f"the clamped knots of degree {degree}, increasing inside")
         return breaks
+
+
+def trip_written(trip: Trip) -> dict[str, Any]:
+    """Return the path and the acceleration of a trip for a plan file."""
+    trajectory, frame = trip.trajectory, trip.frame
+    space = trajectory.space
+    path_degree, drive_degree = (spline.coefficients.shape[1] - 1 for spline in (space.path, space.acceleration))
+    return {
+        "path": {
+            "degree": path_degree,
+            "knots": (clamped_knots(path_degree, space.path.breakpoints) * space.length).tolist(),
+            "offsets": trajectory.theta.tolist(),
+            "guide": {"origin": list(frame.origin), "heading": frame.heading, **space.guide.to_dict()},
+        },
+        "acceleration": {
+            "degree": drive_degree,
+            "knots": clamped_knots(drive_degree, space.acceleration.breakpoints).tolist(),
+            "coefficients": trajectory.beta.tolist(),
+            "start_speed": space.start_speed,
+        },
+    }
+
+
+def legs_written(legs: Legs) -> dict[str, Any]:
+    """Return legs for a plan file."""
+    each = [
+        {
+            "backward": leg.backward,
+            "start_time": leg.begin,
+            "travel_time": leg.trip.trajectory.travel_time,
+            **trip_written(leg.trip),
+        }
+        for leg in legs.legs
+    ]
+    return {"legs": each, "first_heading": legs.first.heading, "last_heading": legs.last.heading}
+
+
+def legs_in(reader: KeyReader) -> Legs:
+    """Return the legs of a plan file."""
+    legs = []
+    for part in reader.parts("legs"):
+        legs.append(Leg(trip_in(part), part.flag("backward")))
+        if len(legs) > 1 and legs[-1].begin < legs[-2].end - SAME_TIME * max(1.0, abs(legs[-2].end)):
+            raise part.fault("start_time", legs[-1].begin, f"at least {legs[-2].end!r}, the end of the leg before it")
+    begin, travel_time = reader.coordinate("start_time"), reader.coordinate("travel_time")
+    if begin > legs[0].begin or begin + travel_time < legs[-1].end - SAME_TIME * max(1.0, abs(legs[-1].end)):
+        raise reader.fault("travel_time", travel_time, "all of the legs")
+    first, last = (reader.coordinate(f"{end}_heading") for end in ("first", "last"))
+    return Legs(tuple(legs), Stand(begin, first), Stand(begin + travel_time, last))
 
 
 def trip_in(reader: KeyReader) -> Trip:
