@@ -98,6 +98,8 @@ class Planner(Perception):
         tube: TrackingTube | None = None,
     ) -> None:
         units = NaturalUnits.of(scenario)
+        if scenario.vehicle.reverse is not None or scenario.vehicle.max_turn_rate is not None:
+            logger.warning("vehicle.reverse and max_turn_rate are for plan(): while driving, every plan leads ahead")
         settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None

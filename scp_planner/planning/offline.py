@@ -16,6 +16,7 @@ from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.last_resorts import MoreEffort, StricterLimits
+from scp_planner.planning.legs import may_have_legs, plan_of_legs
 from scp_planner.planning.meeting_search import MeetingSearch
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
@@ -99,7 +100,15 @@ def plan(
             return plan(roomier, settings, solver, left, constraints)
 
         return plan_in_tube(scenario, tube, without, time_limit)
-    return planned(scenario, settings, solver, time_limit, constraints)
+
+    NaturalUnits.of(scenario)  # which refuses what is no scenario
+    if constraints is not None or not may_have_legs(scenario):
+        return planned(scenario, settings, solver, time_limit, constraints)
+
+    def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
+        return planned(scene, settings, solver, left, thorough=thorough)
+
+    return plan_of_legs(scenario, one, time_limit)
 
 
 def planned(

@@ -1,0 +1,226 @@
+"""Trips of several legs: manoeuvres, their switching poses for the least time, and a certified trip for each leg."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import inf, pi, remainder
+from time import perf_counter
+from typing import TypeVar
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.mathematics.dubins import Pose, shortest_paths
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.planning.plan import Plan
+from scp_planner.routes.manoeuvres import ManoeuvreSearch
+from scp_planner.routes.steered import Steered, SteeredLeg, Steering
+from scp_planner.scenario.limits import Limits, straight_travel_time
+from scp_planner.scenario.models import Goal, Scenario, Start
+from scp_planner.scenario.reversing import ahead, backwards, with_lines
+from scp_planner.scenario.units import NaturalUnits, changed
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.trips.legs import Leg, Legs, Stand
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LegSettings:
+    """Switching poses that leave room for trips between them, and delays of legs."""
+
+    shares: tuple[float, ...] = (0.99, 0.97, 0.93)  # of the largest curvature, one after the other
+    room: float = 1e-3  # radii, kept from all that is
+    delays: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of a leg's time, before it sets out
+    pieces: int = 3  # of a leg as it is steered, between two corners of its guide
+    same: float = 1e-3  # relative: a manoeuvre that promises to gain less is not tried
+
+
+LEGS = LegSettings()
+_ANYWHEN = Goal(position=(0.0, 0.0))
+EndT = TypeVar("EndT", Start, Goal)
+PlanOne = Callable[[Scenario, float | None, bool], Plan]
+"""Plans one trip ahead within a wall time, s; thoroughly, if it is the only one."""
+
+
+def may_have_legs(scenario: Scenario) -> bool:
+    """True if trips of several legs are looked for."""
+    start, goal = scenario.start, scenario.goal
+    plain = scenario.guide is None and goal.target is None and goal.arrival_step is None
+    vehicle = scenario.vehicle
+    both = vehicle.reverse is not None or vehicle.max_turn_rate is not None
+    return both and start.heading is not None and plain
+
+
+def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None) -> Plan:
+    """Plan the fastest trip of several legs, or of one ahead: whichever arrives first."""
+    began = perf_counter()
+    deadline = inf if time_limit is None else began + time_limit
+    scenario = with_lines(scenario)
+    search = _LegSearch(scenario, plan_one, deadline)
+    best = search.run()
+    if best is None or (_least_ahead(scenario) < best.travel_time and search.leads_ahead(best.travel_time)):
+        alone = plan_one(ahead(scenario), search.left, best is None)
+        if best is None or (alone.certified and alone.travel_time <= best.travel_time):
+            best = alone
+    iterations = search.iterations + (best.iterations if best.legs is None else 0)
+    return replace(best, planned=scenario, iterations=iterations, wall_time=perf_counter() - began)
+
+
+def _least_ahead(scenario: Scenario) -> float:
+    """No trip that leads ahead alone takes less, s: the shortest way of its curvature over free ground."""
+    start, goal, limits = scenario.start, scenario.goal, Limits.of(scenario)
+    if scenario.vehicle.max_curvature is None or goal.radius > 0.0 or goal.region is not None or goal.heading is None:
+        return kinematic_bound(scenario)
+    ends = Pose(start.position, start.heading), Pose(goal.position, goal.heading)
+    length = min(path.length for path in shortest_paths(*ends, 1.0 / scenario.vehicle.max_curvature).values())
+    return straight_travel_time(length, start.speed, limits, goal.speed)[0]
+
+
+class _LegSearch:
+    """Goes through manoeuvres, the fastest first, until no other one promises an earlier arrival."""
+
+    def __init__(self, scenario: Scenario, plan_one: PlanOne, deadline: float) -> None:
+        self.scenario, self.plan_one, self.deadline = scenario, plan_one, deadline
+        self.units = NaturalUnits.of(scenario)
+        self.inside = self.units.scenario(scenario)
+        self.curvature = self.inside.vehicle.max_curvature or 1.0 / self.inside.vehicle.radius
+        room, frame = LEGS.room / self.curvature, PlanningFrame((0.0, 0.0), 0.0, self.inside.start.time)
+        self.radius = self.inside.vehicle.radius + room
+        self.batch = ZoneBatch.of(ZonesOf(self.inside), frame, self.radius)
+        self.iterations = 0
+        self.best: Plan | None = None
+
+    @property
+    def left(self) -> float | None:
+        """Wall time that is left, s."""
+        return None if self.deadline == inf else max(self.deadline - perf_counter(), 1e-3)
+
+    def run(self) -> Plan | None:
+        """Return the fastest certified trip of legs, or of one after or before a turn on the spot."""
+        for at_start, at_goal in _turns(self.scenario):
+            self._keep(self._turned(at_start, at_goal))
+        if self.inside.vehicle.reverse is None:
+            return self.best
+        manoeuvres = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline).run()
+        for share in LEGS.shares:
+            steering = Steering(self.inside, self.batch, self.radius, share * self.curvature)
+            steered = [steering.improved(each) for each in manoeuvres]
+            before = self.best
+            for legs in sorted(steered, key=lambda each: each.time):
+                known = inf if self.best is None else self.best.travel_time * (1.0 - LEGS.same)
+                if perf_counter() > self.deadline or legs.time * self.units.time >= known:
+                    break
+                if legs.good:
+                    self._keep(self._planned(legs))
+            if self.best is not before or not manoeuvres:
+                break
+        return self.best
+
+    def leads_ahead(self, within: float) -> bool:
+        """True if a manoeuvre of one leg ahead may take less than a time, s."""
+        if self.inside.vehicle.reverse is None:
+            return True
+        alone = changed(self.inside, vehicle=changed(self.inside.vehicle, reverse=None))
+        found = ManoeuvreSearch(alone, self.batch, self.curvature, self.deadline).run(within / self.units.time)
+        return bool(found)
+
+    def _keep(self, made: Plan | None) -> None:
+        """Keep a plan if it is certified, and faster than the best so far."""
+        if made is None:
+            return
+        logger.info("%s: %s, %.4f s", made.legs, made.status, made.travel_time)
+        if made.certified and (self.best is None or made.travel_time < self.best.travel_time):
+            self.best = made
+
+    def _planned(self, steered: Steered) -> Plan | None:
+        """Plan legs one after the other, each from where and when the one before it ends."""
+        scenario, legs, plans, time = self.scenario, list[Leg](), list[Plan](), self.scenario.start.time
+        last = len(steered.legs) - 1
+        for number, leg in enumerate(steered.legs):
+            start = scenario.start if number == 0 else self._end(scenario.start, leg.poses[0])
+            goal = scenario.goal if number == last else self._end(_ANYWHEN, leg.poses[-1])
+            made = self._leg(leg, start, goal, time)
+            if made is None:
+                return None
+            plans.append(made)
+            legs.append(Leg(made.trip, leg.backward))
+            time = made.arrival_time
+        return self._whole(plans, Legs(tuple(legs), self._begin, Stand(time, legs[-1].state(time)[1])))
+
+    @property
+    def _begin(self) -> Stand:
+        start = self.scenario.start
+        assert start.heading is not None
+        return Stand(start.time, start.heading)
+
+    def _whole(self, plans: Sequence[Plan], legs: Legs) -> Plan:
+        """One plan of several, and what its certificate says."""
+        made = replace(
+            plans[0],
+            scenario=self.scenario.name,
+            legs=legs,
+            reason=None,
+            lower_bound=0.0,
+            converged=all(plan.converged for plan in plans),
+            timings={},
+            iterations=self.iterations,
+        )
+        return made.verified(self.scenario)
+
+    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Plan | None:
+        """Plan a leg that sets out at a time, s, or later if it is not clear then."""
+        moving = {self.batch.ids[number] for number in self.batch.moving}
+        places = [self.units.world(place) for place in leg.poses[:: LEGS.pieces, :2].tolist()]
+        for delay in LEGS.delays:
+            begin = changed(start, time=time + (leg.wait + delay * leg.time) * self.units.time)
+            guide = (begin.position, *places[1:-1], goal.position)
+            made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
+            if made.certified:
+                return made
+            if made.clearance.obstacle not in moving or start.speed > 0.0 or perf_counter() > self.deadline:
+                break
+        return None
+
+    def _one(self, scene: Scenario, backward: bool = False) -> Plan:
+        made = self.plan_one(backwards(scene) if backward else ahead(scene), self.left, False)
+        self.iterations += made.iterations
+        return made
+
+    def _end(self, end: EndT, pose: Array) -> EndT:
+        """An end of a leg at which the vehicle stands."""
+        x, y, heading = pose.tolist()
+        return changed(end, position=self.units.world((x, y)), heading=heading, speed=0.0)
+
+    def _turned(self, at_start: bool, at_goal: bool) -> Plan | None:
+        """Plan a trip in any direction, after or before turns on the spot."""
+        scenario, begin, rate = self.scenario, self._begin, self.scenario.vehicle.max_turn_rate
+        assert rate is not None
+        goal = changed(scenario.goal, heading=None, speed=0.0) if at_goal else scenario.goal
+        scene = changed(scenario, goal=goal)
+        if at_start:  # it turns in the direction in which it would set out, and sets out when it has turned
+            free = self._one(changed(scene, start=changed(scenario.start, heading=None)))
+            heading = float(free.heading(free.start_time))
+            turned = begin.time + abs(remainder(heading - begin.heading, 2.0 * pi)) / rate
+            scene = changed(scene, start=changed(scenario.start, heading=heading, time=turned))
+        made = self._one(scene)
+        if not made.certified:
+            return None
+        leg, time = Leg(made.trip), made.arrival_time
+        last = leg.state(time)[1]
+        if at_goal and scenario.goal.heading is not None:
+            time += abs(remainder(scenario.goal.heading - last, 2.0 * pi)) / rate
+            last = scenario.goal.heading
+        return self._whole([made], Legs((leg,), begin, Stand(time, last)))
+
+
+def _turns(scenario: Scenario) -> list[tuple[bool, bool]]:
+    """Return the turns on the spot that are possible: at the start, at the goal, or at both."""
+    start, goal = scenario.start, scenario.goal
+    if scenario.vehicle.max_turn_rate is None:
+        return []
+    at_start = [True, False] if start.speed == 0.0 else [False]
+    at_goal = [True, False] if goal.heading is not None and not goal.speed else [False]
+    return [(first, last) for first in at_start for last in at_goal if first or last]
