@@ -14,7 +14,7 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.dubins import Pose, shortest_paths
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.planning.plan import Plan
-from scp_planner.routes.manoeuvres import ManoeuvreSearch
+from scp_planner.routes.manoeuvres import Manoeuvre, ManoeuvreSearch
 from scp_planner.routes.steered import Steered, SteeredLeg, Steering
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Goal, Scenario, Start
@@ -35,6 +35,7 @@ class LegSettings:
     room: float = 1e-3  # radii, kept from all that is
     delays: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of a leg's time, before it sets out
     pieces: int = 3  # of a leg as it is steered, between two corners of its guide
+    searches: int = 3  # for manoeuvres of other kinds, where those so far lead nowhere
     same: float = 1e-3  # relative: a manoeuvre that promises to gain less is not tried
 
 
@@ -104,20 +105,30 @@ class _LegSearch:
             self._keep(self._turned(at_start, at_goal))
         if self.inside.vehicle.reverse is None:
             return self.best
-        manoeuvres = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline).run()
+        search = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline)
+        kinds = list[tuple[int, ...]]()
+        for _ in range(LEGS.searches):
+            manoeuvres = search.run(without=kinds)
+            if self._drives(manoeuvres) or perf_counter() > self.deadline:
+                break
+            kinds += [each.kind for each in manoeuvres]
+        return self.best
+
+    def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> bool:
+        """Plan the legs of manoeuvres, the fastest first; return True if there is nothing left to look for."""
+        before = self.best
         for share in LEGS.shares:
             steering = Steering(self.inside, self.batch, self.radius, share * self.curvature)
             steered = [steering.improved(each) for each in manoeuvres]
-            before = self.best
             for legs in sorted(steered, key=lambda each: each.time):
                 known = inf if self.best is None else self.best.travel_time * (1.0 - LEGS.same)
                 if perf_counter() > self.deadline or legs.time * self.units.time >= known:
                     break
                 if legs.good:
                     self._keep(self._planned(legs))
-            if self.best is not before or not manoeuvres:
+            if self.best is not before:
                 break
-        return self.best
+        return self.best is not before or not manoeuvres
 
     def leads_ahead(self, within: float) -> bool:
         """True if a manoeuvre of one leg ahead may take less than a time, s."""
@@ -157,11 +168,13 @@ class _LegSearch:
         return Stand(start.time, start.heading)
 
     def _whole(self, plans: Sequence[Plan], legs: Legs) -> Plan:
-        """One plan of several, and what its certificate says."""
+        """One plan of several, and what its certificate says; one leg ahead that sets out at once is a trip."""
+        alone = len(legs.legs) == 1 and not legs.legs[0].backward
+        at_once = legs.first.time == legs.legs[0].begin and legs.last.time == legs.legs[0].end
         made = replace(
             plans[0],
             scenario=self.scenario.name,
-            legs=legs,
+            legs=None if alone and at_once else legs,
             reason=None,
             lower_bound=0.0,
             converged=all(plan.converged for plan in plans),

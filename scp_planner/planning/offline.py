@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -33,6 +33,7 @@ from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones
 from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.threat_zones.target import TargetMotion
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
@@ -105,8 +106,11 @@ def plan(
     if constraints is not None or not may_have_legs(scenario):
         return planned(scenario, settings, solver, time_limit, constraints)
 
+    # What is estimated is known less well at a later start: all legs keep clear of the zones at the first one
+    found = zones(scenario)
+
     def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
-        return planned(scene, settings, solver, left, thorough=thorough)
+        return planned(scene, settings, solver, left, thorough=thorough, threat_zones=found)
 
     return plan_of_legs(scenario, one, time_limit)
 
@@ -119,20 +123,21 @@ def planned(
     constraints: UserConstraints | None = None,
     *,
     thorough: bool = True,
+    threat_zones: Sequence[ThreatZone] | None = None,
 ) -> Plan:
-    """Plan a trip without a tube round it, see :func:`plan`."""
+    """Plan a trip without a tube round it, see :func:`plan`; among zones that are at hand, if there are some."""
     began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
         solver = "cvxpy"
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
-    call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough)
+    call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough, threat_zones)
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
     inside, task = call.task(units)
-    assert isinstance(task.threat_zones, ZonesOf)
-    tell_of_discs(scenario.obstacles, task.threat_zones.of_others)
+    if isinstance(task.threat_zones, ZonesOf):
+        tell_of_discs(scenario.obstacles, task.threat_zones.of_others)
     target = TargetMotion.of(inside)
     if target is not None:
         least = kinematic_bound(inside)
@@ -193,16 +198,17 @@ class _Call:
     solver: QpSolver | None
     constraints: UserConstraints | None
     thorough: bool
+    threat_zones: Sequence[ThreatZone] | None
 
     def task(self, units: NaturalUnits, tally: Tally | None = None) -> tuple[Scenario, Task]:
         """The scenario in some units, and the task of planning it; its tally goes on with another one."""
         limit = np.inf if self.time_limit is None else self.time_limit
         go_on = asked_for_time(limit, self.began)
         inside = units.scenario(self.scenario, go_on)
-        any_time = at_any_time(inside)
+        any_time, known = at_any_time(inside), self.threat_zones
         task = Task(
             any_time,
-            ZonesOf(any_time, go_on),
+            ZonesOf(any_time, go_on) if known is None else tuple(zone.inside(units) for zone in known),
             for_scene(self.settings, units),
             self.began + limit,
             self.began + (1.0 + CHECKING) * limit + LEAST_CHECKING,

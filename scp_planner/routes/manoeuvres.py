@@ -7,7 +7,7 @@ Shepp to the goal bound what is left from below, and end the search where they a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from math import inf, pi, sqrt
 from time import perf_counter
@@ -31,6 +31,7 @@ class SearchSettings:
     around: float = 4.0  # radii, beyond start and goal, of the ground that is searched where there are no bounds
     most_cells: int = 4_000_000
     most_nodes: int = 60_000
+    more_nodes: int = 8_000  # after the first manoeuvre
     together: float = 4.0  # steps, by which poses that are looked at together differ
     slack: float = 0.25  # of the raster, by which what stands may be cut into: paths are moved out of it
     shots: int = 8  # poses of a round from which curves to the goal are tried
@@ -84,6 +85,11 @@ class Manoeuvre:
     curvature: Array  # (p,) 1/m
     lengths: Array  # (p,) m, negative backwards
     time: float  # s
+
+    @property
+    def kind(self) -> tuple[int, ...]:
+        """Directions of its legs, 1 ahead and -1 backwards."""
+        return tuple(int(np.sign(lengths[0])) for _, lengths in self.legs)
 
     @property
     def legs(self) -> tuple[tuple[Array, Array], ...]:
@@ -157,13 +163,14 @@ class ManoeuvreSearch:
     def _room_at(self, pose: Array) -> float:
         return float(self.room.least(pose[None])[0])
 
-    def run(self, known: float = inf) -> list[Manoeuvre]:
-        """Return manoeuvres, the fastest first, that turn back differently often; none is slower than a known time."""
+    def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> list[Manoeuvre]:
+        """Return the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster."""
         found: dict[tuple[int, ...], Manoeuvre] = {}
         nodes = _Nodes(self.first)
         best = np.full((*self._count, SEARCH.headings, 2), inf, dtype=np.float32)
         waiting: Index = np.zeros(1, dtype=np.intp)
-        while len(waiting) and nodes.count < SEARCH.most_nodes and perf_counter() < self.deadline:
+        most = SEARCH.most_nodes
+        while len(waiting) and nodes.count < most and perf_counter() < self.deadline:
             guess = nodes.guess[waiting]
             least = float(guess.min())
             if least > SEARCH.slower * known:
@@ -172,10 +179,12 @@ class ManoeuvreSearch:
             chosen, waiting = waiting[now], waiting[~now]
             order = chosen[np.argsort(nodes.guess[chosen], kind="stable")]
             for made in self._shots(nodes, order[: SEARCH.shots]):
+                if made.kind in without:
+                    continue
                 known = min(known, made.time)
-                kind = tuple(int(s) for _, lengths in made.legs for s in [np.sign(lengths[0])])
-                if kind not in found or made.time < found[kind].time:
-                    found[kind] = made
+                if made.kind not in found or made.time < found[made.kind].time:
+                    found[made.kind] = made
+            most = min(most, nodes.count + SEARCH.more_nodes) if found else most
             waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best)])
         return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]
 

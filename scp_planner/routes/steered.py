@@ -29,7 +29,7 @@ class SteeringSettings:
     ramp: float = 2.0  # pieces, in which the curvature changes from one limit to the other
     shortest: float = 0.02  # radii, of a leg
     near: float = 1.0  # radii, to what is looked at
-    waits: int = 4  # times in a wait
+    waits: int = 24  # times in a wait
     steps: int = 40
     trust: float = 0.2  # of the largest curvature, of a radius, and of the time of a radius
     least_trust: float = 1e-3
@@ -105,14 +105,16 @@ class Steering:
         return now
 
     def _waiting(self, drive: _Drive) -> _Drive:
-        """Return a drive with the shortest waits, one after the other, after which its legs are clear of what moves."""
-        x, legs = drive.x.copy(), len(drive.signs)
-        for leg in np.flatnonzero(replace(drive, zones=self.zones).longest_waits).tolist():
-            for wait in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried):
+        """Return a drive with the shortest wait, before one of its legs, after which it is clear of what moves."""
+        among, legs = replace(drive, zones=self.zones), len(drive.signs)
+        for wait in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried):
+            for leg in np.flatnonzero(among.longest_waits).tolist():
+                x = drive.x.copy()
                 x[len(x) - legs + leg] = wait
-                if replace(drive, x=x, zones=self.zones).first(leg + 1).deep <= STEERING.missed:
-                    break
-        return replace(drive, x=x)
+                waiting = replace(among, x=x)
+                if waiting.deep <= STEERING.missed:
+                    return waiting
+        return among
 
     def _start(self, manoeuvre: Manoeuvre) -> _Drive:
         each, lengths, signs = [], [], []
@@ -173,13 +175,6 @@ class _Drive:
     signs: tuple[float, ...]
     start: Array  # (3,)
     zones: ZoneBatch
-
-    def first(self, count: int) -> _Drive:
-        """Return the drive of the first few legs."""
-        legs = len(self.signs)
-        bends, lengths, waits = np.split(self.x, [len(self.x) - 2 * legs, len(self.x) - legs])
-        x = np.concatenate([bends[: count * STEERING.pieces], lengths[:count], waits[:count]])
-        return replace(self, x=x, signs=self.signs[:count])
 
     @cached_property
     def radius(self) -> float:
