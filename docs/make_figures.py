@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import scp_planner as sp
+from benchmarks.parking import scenario_of
 from docs.make_gallery import as_on_a_quiet_machine, shrink
 from scp_planner import builtin
 from scp_planner.plotting import animate_plan, plot_plan, plot_space_time
@@ -27,8 +28,20 @@ def main() -> None:
     animate_plan(plan, scenario, FIGURES / "demo.gif")
     plot_space_time(plan, scenario, FIGURES / "space_time.png")
     _photograph_viewer(plan, scenario)
+    _draw_parking()
     for name in ("demo", "space_time", "viewer"):
         shrink(FIGURES / f"{name}.png", FIGURES / f"{name}.png")
+
+
+def _draw_parking() -> None:
+    scenario = scenario_of(0, seed=0)
+    with as_on_a_quiet_machine():
+        plan = sp.plan(scenario)
+    assert plan.legs is not None
+    stops = [plan.start_time, *(leg.end for leg in plan.legs.legs)]
+    between = [0.5 * (leg.begin + leg.end) for leg in plan.legs.legs[:2]]
+    plot_plan(plan, scenario, times=[*stops, *between]).savefig(FIGURES / "reversing.png", dpi=README_DPI)
+    shrink(FIGURES / "reversing.png", FIGURES / "reversing.png")
 
 
 def _photograph_viewer(plan: sp.Plan, scenario: sp.Scenario) -> None:
