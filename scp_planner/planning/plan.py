@@ -21,12 +21,12 @@ from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.outputs import output_named, picture_or_text
-from scp_planner.planning.plan_file import plan_contents, read_fields
+from scp_planner.planning.plan_file import clearance_written, read_fields
 from scp_planner.planning.plan_samples import Within, check_samples
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import KeyReader, legs_in, trip_in
+from scp_planner.trips.trip_file import KeyReader, legs_in, legs_written, trip_in, trip_written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -261,7 +261,30 @@ class Plan:
 
     def to_dict(self, samples: int = 200) -> dict[str, Any]:
         """Return the contents of the plan file."""
-        return plan_contents(self, samples)
+        return {
+            "schema": 1,
+            "scenario": self.scenario,
+            "status": str(self.stated_status or self.status),
+            "reason": self.reason,
+            "start_time": self.start_time,
+            "arrival_time": self.arrival_time,
+            "travel_time": self.travel_time,
+            # A stop ends on its path, not at the goal.
+            **({"stops": True} if not self.trip.trajectory.arrives else {}),
+            "lower_bound": self.lower_bound,
+            **({} if self.converged is None else {"converged": self.converged}),
+            "method": self.method,
+            "solver": self.solver,
+            "iterations": self.iterations,
+            "wall_time": self.wall_time,
+            **({} if self.commonroad is None else {"commonroad": self.commonroad}),
+            **(trip_written(self.trip) if self.legs is None else legs_written(self.legs)),
+            "clearance": clearance_written(self.clearance),
+            "limits": {
+                name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
+            },
+            "samples": self.samples(samples),
+        }
 
     def save(self, path: str | PathLike[str], samples: int = 200) -> None:
         """Write the plan file, JSON; a file that stood there is replaced only by a whole one.

@@ -1,43 +1,12 @@
-"""The contents of a plan file: how the fields of a plan are written and read."""
+"""The contents of a plan file: how its fields are written and read."""
 
 from __future__ import annotations
 
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from scp_planner.certificate.verdict import Clearance, LimitUse
-from scp_planner.trips.trip_file import KeyReader, legs_written, trip_written
-
-if TYPE_CHECKING:
-    from scp_planner.planning.plan import Plan
-
-
-def plan_contents(plan: Plan, samples: int) -> dict[str, Any]:
-    """Return the contents of the plan file, with so many samples."""
-    return {
-        "schema": 1,
-        "scenario": plan.scenario,
-        "status": str(plan.stated_status or plan.status),
-        "reason": plan.reason,
-        "start_time": plan.start_time,
-        "arrival_time": plan.arrival_time,
-        "travel_time": plan.travel_time,
-        # A stop ends on its path, not at the goal.
-        **({"stops": True} if not plan.trip.trajectory.arrives else {}),
-        "lower_bound": plan.lower_bound,
-        **({} if plan.converged is None else {"converged": plan.converged}),
-        "method": plan.method,
-        "solver": plan.solver,
-        "iterations": plan.iterations,
-        "wall_time": plan.wall_time,
-        **({} if plan.commonroad is None else {"commonroad": plan.commonroad}),
-        **(trip_written(plan.trip) if plan.legs is None else legs_written(plan.legs)),
-        "clearance": _clearance_written(plan.clearance),
-        "limits": {
-            name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in plan.limits.items()
-        },
-        "samples": plan.samples(samples),
-    }
+from scp_planner.trips.trip_file import KeyReader
 
 
 def read_fields(reader: KeyReader) -> dict[str, Any]:
@@ -73,7 +42,7 @@ def _commonroad_read(part: KeyReader) -> dict[str, Any]:
     }
 
 
-def _clearance_written(clearance: Clearance) -> dict[str, Any]:
+def clearance_written(clearance: Clearance) -> dict[str, Any]:
     """A clearance for a file: null without obstacles, no number at all if it is not known."""
     minimum = {"minimum": clearance.minimum if isfinite(clearance.minimum) else None}
     return {
