@@ -18,7 +18,7 @@ from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import CloserWays, Ways
 from scp_planner.problem.guides import STEEPEST, guide_over
 from scp_planner.problem.problem import Problem
-from scp_planner.problem.profile import fastest_profile
+from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.routes.gaps import widest_gap
 from scp_planner.routes.roadmap import Roadmap, Route
 from scp_planner.scenario.models import Scenario
@@ -44,7 +44,9 @@ class AlongRouteSettings:
     slow: float = 1.3  # least radii of the vehicle, of turns at ends where it stands
     wide: float = 8.0  # and of those at ends where it drives, at most
     least: float = 0.5  # units of length, of turns at ends: splines do not follow tighter ones
+    rounded: float = 0.4  # least radii of the vehicle, over which bends that were widened are averaged
     spans: int = 100  # of a path over a route, that its bends may need at first
+    steady: float = 0.9  # of the speed in the tightest bend
     stations: int = 400  # of a drive along a guide
 
 
@@ -122,7 +124,10 @@ class Routes:
         least, most = max(ALONG.slow * radius, ALONG.least), ALONG.wide * radius or inf
         wanted = (max(least, min(speed**2 / limits.lateral_acceleration, most)) for speed in speeds)
         points = self.roadmap.turned(route, *wanted)
-        guide = guide_over(points, scenario, limits, problem.settings, ALONG.spans)
+        bend = None
+        if self.roadmap.radius > 0.0 and not route.loop:
+            points, bend = self.roadmap.widened(points), ALONG.rounded * self.roadmap.radius
+        guide = guide_over(points, scenario, limits, problem.settings, ALONG.spans, bend)
         self._own.append(guide)
         self.tried += 1
         return guide
@@ -174,25 +179,33 @@ def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:
 
 
 class AlongGuide(Attempt[TripSearch, ScpRun]):
-    """The guide itself, driven as fast as its bends allow."""
+    """The guide itself, driven as fast as its bends allow; then as slowly everywhere as its tightest bend asks for."""
 
-    what = "route"
+    what, most = "route", 2
 
     def due(self, search: TripSearch) -> bool:
         return not search.certified
 
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
-        problem = search.runs.problem
-        guide, limits, start = problem.space.guide, problem.limits, problem.space.start_speed
-        stations = np.linspace(0.0, guide.length, ALONG.stations + 1)
-        with np.errstate(divide="ignore"):
-            allowed = np.minimum(limits.speed, np.sqrt(limits.lateral_acceleration / np.abs(guide.curvature(stations))))
-        goal = problem.ends.goal_speed
-        profile = fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
-        way = Way(float(profile.times[-1]), stations, np.zeros(len(stations)), profile.times)
-        yield search.runs.attempt(
-            trip_along(problem, way), search.cutoff, loop=search.runs.patient_loop, mended=ALONG.mended
-        )
+        problem, loop = search.runs.problem, search.runs.careful_loop
+        for steady in (False, True):
+            profile = drive_along(problem.space.guide, problem, steady=steady)
+            way = Way(float(profile.times[-1]), profile.stations, np.zeros(len(profile.stations)), profile.times)
+            found = search.runs.attempt(trip_along(problem, way), search.cutoff, loop=loop, mended=ALONG.mended)
+            yield found
+            if found.holds:
+                return
+
+
+def drive_along(guide: Guide, problem: Problem, *, steady: bool = False) -> SpeedProfile:
+    """Return the fastest drive along a guide within the limits at each bend, or everywhere at the tightest."""
+    limits, stations = problem.limits, np.linspace(0.0, guide.length, ALONG.stations + 1)
+    with np.errstate(divide="ignore"):
+        allowed = np.minimum(limits.speed, np.sqrt(limits.lateral_acceleration / np.abs(guide.curvature(stations))))
+    if steady:
+        allowed = np.full(len(allowed), ALONG.steady * allowed.min())
+    start, goal = problem.space.start_speed, problem.ends.goal_speed
+    return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
 
 
 class OtherRoutes(Attempt[TripSearch, ScpRun]):

@@ -153,8 +153,9 @@ def _causes(
         if name in shapes and is_taken_for_a_disc(shapes[name], zones[name]):
             disc = f"a disc of {covering_radius(shapes[name]):.3g} m"
             yield f"{name} is taken for {disc}, as its heading is not known: give shape.heading if you know it"
-    for violation in cut:
-        yield from _stopping(scenario, zones[str(violation.obstacle)], violation)
+    first = min((each.time for each in cut or told), default=np.inf)
+    for name in dict.fromkeys(str(each.obstacle) for each in cut) if cut else zones:
+        yield from _stopping(scenario, zones[name], name, first)
     if perf_counter() < prove_until:
         yield from _no_way(scenario, tuple(threat_zones), _touched(scenario, threat_zones, trip), prove_until)
 
@@ -211,13 +212,13 @@ def _extent(scenario: Scenario) -> float:
     return float(np.hypot(*(points - points[0]).T).max())
 
 
-def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violation) -> Iterator[str]:
+def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], name: str, time: float) -> Iterator[str]:
     """Say so if the vehicle would hit what is before it even if it only braked."""
     start, vehicle = scenario.start, scenario.vehicle
     if start.heading is None or start.speed == 0.0:
         return
     stop = start.speed / vehicle.max_deceleration
-    if violation.time > start.time + REPORT.late_stop * stop:
+    if time > start.time + REPORT.late_stop * stop:
         return
     after = np.linspace(0.0, stop, REPORT.trip_looks)
     driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2
@@ -227,7 +228,7 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
     if len(touching):
         yield (
             f"Straight on and braking at {vehicle.max_deceleration:g} m/s2 from {start.speed:g} m/s, it would touch"
-            f" {violation.obstacle} at t = {start.time + after[touching[0]]:.3f} s"
+            f" {name} at t = {start.time + after[touching[0]]:.3f} s"
         )
 
 

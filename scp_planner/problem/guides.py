@@ -76,12 +76,19 @@ def bend_radius(points: Array, limits: Limits, speed: float) -> float:
     return max(radius, min(speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
 
 
-def guide_over(points: Array, scenario: Scenario, limits: Limits, settings: SceneSettings, spans: float = 0.0) -> Guide:
-    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven.
+def guide_over(
+    points: Array,
+    scenario: Scenario,
+    limits: Limits,
+    settings: SceneSettings,
+    spans: float = 0.0,
+    radius: float | None = None,
+) -> Guide:
+    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven, or of a radius.
 
     Paths over it have spans as short as its tightest bends need, if these are no more than ``spans``.
     """
-    radius = bend_radius(points, limits, limits.speed)
+    radius = radius or bend_radius(points, limits, limits.speed)
     short = round(GOAL_SHARE * scenario.goal.radius, DECIMALS)
     polyline = _shortened(np.round(points, DECIMALS), short)
     if spans:

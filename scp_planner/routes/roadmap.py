@@ -16,6 +16,7 @@ from scp_planner.mathematics.taut import TautLines
 from scp_planner.mathematics.tolerances import ANGLE_DECIMALS
 from scp_planner.routes.outlines import polygons_around, standing_shapes
 from scp_planner.routes.turns import loops, out_of_reach, radii, turned_into
+from scp_planner.routes.widening import widened
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -110,6 +111,11 @@ class Roadmap:
             (heading, radii(wanted, self.radius)) for heading, wanted in zip(self.headings, (first, last), strict=True)
         ]
         return turned_into(route.points, ends, self.clear)
+
+    def widened(self, points: Array) -> Array:
+        """Return a route, (n, 2) m, with bends as wide as the vehicle needs where there is room for that."""
+        first, last = (1 if heading is None else 2 for heading in self.headings)
+        return widened(points, self.taut.all, self.box, self.radius, (first, last))
 
     def _route(self, points: Array, length: float, loop: bool = False) -> Route:
         start, goal = self.scenario.start, self.scenario.goal
