@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import among_smaller
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import FEASIBILITY, LoopRun
@@ -32,19 +30,11 @@ class DecisionParameters:
     near_goal: float = 0.4
     # A plan that does not keep all limits or foreseen zones yet is improved so many times as often
     unfinished_sooner: int = 2
-    # Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion
-    room_price: float = 7e-3
-    less_room: float = 0.25  # Share of the room that is asked for after more was too dear
-    twice: float = 4.0  # Twice as much room is asked for next where so many times what has been spent may be spent
     # Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved: the loop knows
     # of no stops
     hopeless: float = 1.0
     # Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand
     deep: float = 0.5
-    # Improvements without room after one with room that cost too much: the first of them at the next replan
-    plain: int = 2
-    # Share of the time that was given for room, of which a trip without room gets back less where the rest is lost
-    lost: float = 0.1
     # Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next
     # one dodges are looked at, and no ways: both in one replan take twice as long
     gone_on: int = 2
@@ -83,10 +73,6 @@ class Decision:
         self._improved = 0
         self._good_enough = True
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
-        self._spent = 0.0  # time that was given for room, s
-        self._roomy: Vetted | None = None  # the last trip that it was given for
-        self._room = 1.0  # share of the room that is asked for next
-        self._plain = 0  # improvements that are still to be made without room
         self._unfinished: Trip | None = None  # what has come of the last improvement, which is gone on with
         self._gone_on = 0  # replans in a row in which a dodge was gone on with
         self._without = 0  # replans in a row without a look at ways
@@ -116,7 +102,7 @@ class Decision:
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
         due = now.cycle - self._improved >= self._improve_every
-        if not due and self._plain < DECISION.plain and self._unfinished is None:
+        if not due and self._unfinished is None:
             kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
@@ -174,7 +160,7 @@ class Decision:
             if other is None:
                 return plan
             best = other
-        later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + DECISION.slower
+        later = last is not None and best.arrival > last.arrival_time + DECISION.slower
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             now.lap("certificate")
@@ -247,55 +233,21 @@ class Decision:
         return best, said if best is None else "first plan" if now.last is None else "alternative route"
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
-        """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
+        """Improve what is left of the last trip."""
         loop = fresh.loop
         if fresh.unfinished is not None:
-            return self._without_room(now, loop, fresh.left_of(fresh.unfinished), begun=True)
+            return self._improved_trip(now, loop, fresh.left_of(fresh.unfinished), begun=True)
         assert now.last is not None and fresh.ahead is not None, "there is a last trip"
         ahead = fresh.ahead
-        roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
-        clearance = _clearance(loop.problem, ahead)
-        if roomy is not None and clearance >= 0.0:
-            found = self._with_room(now, loop.problem, roomy, ahead)
-            if found is None:
-                self._room, self._plain = DECISION.less_room, DECISION.plain
-                found = self._still_on(now, now.last)
-            if found is not None:
-                return found
-        self._plain = max(self._plain - 1, 0)
         radius = now.moment.scenario.vehicle.radius
-        if clearance < -DECISION.deep * radius and self._means.vetting.stops_will_do:
+        if _clearance(loop.problem, ahead) < -DECISION.deep * radius and self._means.vetting.stops_will_do:
             room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
             if -math.inf < room < -DECISION.hopeless * radius:
                 return Refusal("every stop from the rest of the last trip is far inside a zone", room)
-        arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
-        if isinstance(without, Vetted) and without.trip is not now.last.trip:
-            got_back = max(arrival - without.arrival, 0.0)
-            self._spent = max(self._spent - got_back, 0.0) if got_back > DECISION.lost * self._spent else 0.0
-        return without
+        return self._improved_trip(now, loop, ahead)
 
-    def _with_room(self, now: Replan, problem: Problem, roomy: Problem, ahead: Trajectory) -> Vetted | None:
-        """Improve what is left of the last trip in the same problem with more room; None where that costs too much."""
-        assert now.last is not None, "there is a last trip"
-        arrival = now.last.arrival_time
-        run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
-        spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
-        most = DECISION.room_price * (arrival - now.moment.state.time)
-        if spent > most and perf_counter() <= now.deadline:
-            return None
-        evaluation = among_smaller(run.evaluation, roomy.zones.radius - problem.zones.radius)
-        if evaluation.worst_violation > FEASIBILITY:
-            return None
-        found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
-        if not isinstance(found, Vetted):
-            return None
-        self._spent, self._roomy = max(spent, 0.0), found
-        if DECISION.twice * spent <= most:
-            self._room = min(2.0 * self._room, 1.0)
-        return found
-
-    def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory, begun: bool = False) -> Vetted | Refusal:
+    def _improved_trip(self, now: Replan, loop: ScpLoop, ahead: Trajectory, begun: bool = False) -> Vetted | Refusal:
         """Improve what is left of the last trip; once more where it is refused before it keeps its limits."""
         assert now.last is not None, "there is a last trip"
         run = self._run(now, loop, ahead)
@@ -323,6 +275,6 @@ class Decision:
 
 
 def _clearance(problem: Problem, trip: Trajectory) -> float:
-    """The least clearance of a trip at the problem's samples, m: one that is not clear has no room to give away."""
+    """The least clearance of a trip at the problem's samples, m."""
     points = trip.kept_at(problem.samples)  # the loop looks at the same soon
     return float(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf))

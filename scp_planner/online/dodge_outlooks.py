@@ -11,11 +11,10 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dodge_courses import COURSES
-from scp_planner.online.dodge_worth import WORTH, Unrest, a_moment, harm, nearness, value_at
-from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size, in_parts
+from scp_planner.online.dodge_worth import WORTH, a_moment, harm, nearness, value_at
+from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
-from scp_planner.online.tolerances import DIRECTIONLESS
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Box, Limits
@@ -50,34 +49,7 @@ class DodgeOutlooks:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._patience = 1.0
-        self._change = np.zeros((0, 2))  # of the velocity of each obstacle, of late, (L, 2) m/s
-        moment = a_moment(means.given.vehicle)
-        self._unrest = Unrest(WORTH.unrest_lasts * moment)
-        self._growing = WORTH.growing * moment  # s for which zones grow that what is driven is judged by
-
-    def note(self, moment: Moment) -> None:
-        """Take note of how obstacles move: who has just changed the velocity is kept farther away from."""
-        batch = moment.batch
-        velocities = moment.frame.vectors_to_world(batch.velocities.grid(np.zeros(1))[0])
-        self._change = self._unrest.note(moment.state.time, batch.ids, velocities)
-
-    def _closer(self, moment: Moment, times: Array, place: Array, room: Room) -> Array:
-        """The least clearance, (C, J) m, at places (C, J, 2) and times (J,), s from now."""
-        turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])  # the border is the last
-        if not turning.size:
-            return room.least
-        zones = room.zones[turning]
-        gone = WORTH.unrest * np.minimum(times, WORTH.gain_time * a_moment(self._means.given.vehicle))
-        x, y = (self._change[zones] @ moment.frame.rotation).T[:, :, None, None] * gone
-        centers = moment.batch.centers.grid(times)[:, zones].T[:, :, None]
-        least = room.least.copy()
-        for some in in_parts(len(turning), least.size):
-            offset_x, offset_y = place[..., 0] - centers[0, some], place[..., 1] - centers[1, some]
-            nearer = x[some] * offset_x + y[some] * offset_y
-            nearer /= np.maximum(np.sqrt(offset_x * offset_x + offset_y * offset_y), DIRECTIONLESS)
-            np.subtract(room.each[turning[some]], np.maximum(nearer, 0.0, out=nearer), out=nearer)
-            np.minimum(least, nearer.min(axis=0), out=least)
-        return least
+        self._growing = WORTH.growing * a_moment(means.given.vehicle)  # s for which zones grow in judging
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts."""
@@ -148,8 +120,7 @@ class DodgeOutlooks:
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
-        closer = self._closer(moment, driven.times, driven.position, judged)
-        worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
+        worth = left[0] - left[1] - self._cost(time, judged.least / width, counted / width) * width
         worth -= WORTH.lost * self._way_lost(moment, driven)
         return Outlook(least, room, clear, leaves, left[0], left[2], worth)
 
@@ -228,8 +199,7 @@ class DodgeOutlooks:
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
         gained = value_at(WORTH.gain_time, time, (driven + vehicle.max_speed * over)[None])
         gained = gained - self._lost_by_going_on(moment, trip)
-        here = moment.frame.to_frame(trip.frame.to_world(place))
-        near = np.where(over > 0.0, np.inf, self._closer(moment, ahead, here[None], room))
+        near = np.where(over > 0.0, np.inf, room.least)
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 

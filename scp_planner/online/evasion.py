@@ -196,7 +196,6 @@ class Evasion:
     def _looked(self, now: Replan) -> _SeenDodges:
         if self._view is None or self._view.moment is not now.moment:
             moment = now.moment
-            self.outlooks.note(moment)
             dodges, begun = self._dodges(moment), self.begun(now)
             near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
             dodges = dodges.few(len(near), EVASION.most_samples)

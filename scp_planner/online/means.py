@@ -43,8 +43,6 @@ class ReplanParameters:
     route_gain: float = 0.1  # Units of time by which another way round must be faster for the vehicle to change over
     # Widths of the vehicle, by which trips keep farther away than they must where it gives way early
     spare_widths: float = 0.15
-    # Deviations of what is seen, by which trips keep farther away from who may change its motion, unnoticed yet
-    room_deviations: float = 1.0
     # Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set:
     # who comes nearer by then hits it
     clear_widths: float = 4.0
@@ -160,10 +158,6 @@ class Means:
         problem = build_problem(scenario, (), self.settings, self.breakpoints)
         batch = self.foreseen(now.moment.batch)
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
-
-    def roomy(self, problem: Problem, share: float = 1.0) -> Problem | None:
-        room = share * REPLAN.room_deviations * self.obstacles.noise_deviations(problem.zones.ids)
-        return problem.among(problem.zones.inflated(room)) if room.any() else None
 
     def vet(
         self,

@@ -22,8 +22,8 @@ from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
-from scp_planner.online.settled_tracks import Learnt, SettledTracks, SortedTracks, TrackKind, learns
-from scp_planner.online.suspicions import SUSPICIONS, Allowance, Suspicions
+from scp_planner.online.settled_tracks import Learnt, PolynomialMotions, SettledTracks, SortedTracks, TrackKind, learns
+from scp_planner.online.suspicions import SUSPICIONS, Suspicions
 from scp_planner.online.track import (
     TRACKS,
     GivenZones,
@@ -76,7 +76,7 @@ class ObstacleTracks:
         self.margin = margin
         self.newcomers = newcomers or SceneNewcomers()
         self.watch = watch or Watch()
-        self.allowance = Allowance(self.watch.manoeuvre, self.newcomers.acceleration_deviation)
+        self._manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
         adaptive = self.watch.regions is Regions.ADAPTIVE
@@ -289,13 +289,11 @@ class ObstacleTracks:
     def _together(self, learnt: Learnt, start: float) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
         kinds, level = learnt.tracks.kinds, learnt.level
-        alarmed = kinds[TrackKind.ALARMED]
-        self.allowance.note(start, frozenset(track.id for some in alarmed.values() for track in some))
         made: dict[str, ThreatZone] = {}
         for settled in learnt.settled:
-            zones = settled.zones(start, level, self.allowance.now)
+            zones = settled.zones(start, level)
             made.update(zip((track.id for track in settled.tracks), zones, strict=True))
-        for order, some in alarmed.items():
+        for order, some in kinds[TrackKind.ALARMED].items():
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
@@ -311,9 +309,8 @@ class ObstacleTracks:
     def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> SettledTracks:
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
         suspicions = self._suspicions(tracks, level) if banked else None
-        found = SettledTracks(tracks, self._roots(tracks), suspicions, banked, self.sizes)
-        found.motions(self.allowance.now)
-        return found
+        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, suspicions)
+        return SettledTracks(tracks, motions, suspicions, banked, self.sizes)
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         estimators = [track.estimator for track in tracks]
@@ -344,7 +341,7 @@ class ObstacleTracks:
             track.begin_again(1, self.newcomers, self._make)
             estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
-            return estimate.with_manoeuvre(self.allowance.now)
+            return estimate.with_manoeuvre(self._manoeuvre)
         return estimate
 
     def _alone(self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool) -> list[ThreatZone]:
@@ -389,10 +386,10 @@ class ObstacleTracks:
     def learning(self) -> dict[str, Learning]:
         some = [track for track in self.tracks.values() if learns(track)]
         change: dict[str, float] = {}
-        if self.allowance.now > 0.0:
+        if self._manoeuvre > 0.0:
             known = [track for track in some if track.simple and track.settled]
             noise = [least_noise(track.known_noise.tobytes()) for track in known]
-            allowed = self.allowance.now**2 / np.array(noise)
+            allowed = self._manoeuvre**2 / np.array(noise)
             change = dict(zip((track.id for track in known), allowed.tolist(), strict=True))
         return {
             track.id: Learning(
@@ -400,15 +397,6 @@ class ObstacleTracks:
             )
             for track in some
         }
-
-    def noise_deviations(self, ids: Sequence[str]) -> Array:
-        """Standard deviation of what is seen of obstacles, (n,) m."""
-        noise = np.zeros((len(ids), 2, 2))
-        for number, track in enumerate(map(self.tracks.get, ids)):
-            believed = track is not None and isinstance(track.estimator, NoticingTrack) and track.settled
-            if believed and track is not None and not (track.alarmed or track.suspected):
-                noise[number] = track.known_noise
-        return np.asarray(np.sqrt(np.linalg.eigvalsh(noise)[:, -1]))
 
     def _foretold(self, zone: ThreatZone) -> Course:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
@@ -434,7 +422,7 @@ class ObstacleTracks:
             course = self._foretold(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         if track.given is not None:
-            change = {} if track.model.process is not None else {"manoeuvre": self.allowance.now}
+            change = {} if track.model.process is not None else {"manoeuvre": self._manoeuvre}
             model = track.model.model_copy(update=change)
             return Obstacle.model_construct(**common, motion=None, observations=None, estimate=track.given, model=model)
         each: Any = None
@@ -444,7 +432,7 @@ class ObstacleTracks:
             each = _matrix(track.known_noise)
         model = track.model
         if model.process is None and track.settled:
-            model = model.model_copy(update={"manoeuvre": self.allowance.now})
+            model = model.model_copy(update={"manoeuvre": self._manoeuvre})
         if model.prior is None and model.process is None and not track.settled:
             new = self.newcomers
             prior = Prior(velocity_deviation=new.velocity_deviation, acceleration_deviation=new.acceleration_deviation)

@@ -209,13 +209,13 @@ class SettledTracks:
     def __init__(
         self,
         tracks: Sequence[ObstacleTrack],
-        roots: SquareRoots,
+        motions: PolynomialMotions,
         suspicions: Suspicions | None,
         banked: bool,
         sizes: RegionSizes | None,
     ) -> None:
-        self.tracks, self._roots, self._banked = tracks, roots, banked
-        self._suspicions, self._sizing = suspicions, None
+        self.tracks, self._motions, self._banked = tracks, motions, banked
+        self._sizing: Sizing | None = None
         suspected = np.zeros(len(tracks), dtype=bool) if suspicions is None else suspicions.probability > 0.0
         otherwise = suspected.copy()
         if sizes is not None:
@@ -223,17 +223,10 @@ class SettledTracks:
             self._sizing = sizes.of(tracks, np.where(suspected, NOTICED, believed))
             otherwise[self._sizing.others] = True
         self._marks: list[tuple[bool, bool]] = list(zip(suspected.tolist(), otherwise.tolist(), strict=True))
-        self._motions: tuple[float, PolynomialMotions] | None = None
 
-    def motions(self, manoeuvre: float) -> PolynomialMotions:
-        if self._motions is None or self._motions[0] != manoeuvre:
-            found = PolynomialMotions.of(self.tracks, self._roots, manoeuvre, self._suspicions)
-            self._motions = manoeuvre, found
-        return self._motions[1]
-
-    def zones(self, start: float, level: Level, manoeuvre: float) -> list[ThreatZone]:
+    def zones(self, start: float, level: Level) -> list[ThreatZone]:
         """Their zones from a time on, s, in order."""
-        zones = self.motions(manoeuvre).zones(self.tracks, start, level, self._sizing)
+        zones = self._motions.zones(self.tracks, start, level, self._sizing)
         for track, zone, (suspect, other) in zip(self.tracks, zones, self._marks, strict=True):
             track.suspected, track.zone = suspect, zone if other or track.bounded else None
             track.foretold.clear() if self._banked else track.keep_foretold()

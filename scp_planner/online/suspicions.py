@@ -26,30 +26,13 @@ class SuspicionParameters:
     # change: at least 11.5. What windows see of it may be a little less
     looked_at: float = 9.0
     most_evidence: float = 500.0  # Logarithm of a ratio of likelihoods; beyond it, exponentials would overflow
-    # Standard deviation of a change of acceleration that is allowed for after any obstacle is noticed to move otherwise
-    # than predicted, over that of new tracks
-    wary: float = 0.3
-    wary_lasts: float = 10.0  # Units of time for which that is allowed for
     # Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change
     wild: float = 8.0
 
 
+# 12 observations after a change of 0.5 m/s^2 (`benchmarks.online answers`, 160 obstacles) 88 % of the regions hold a
+# second later, and 32 % without changes that are likely only; 15 after it 99 %, and 91 % without them after an alarm.
 SUSPICIONS = SuspicionParameters()
-
-
-class Allowance:
-    def __init__(self, usual: float, unit: float) -> None:
-        self._usual, self._wary = usual * unit, (max(usual, SUSPICIONS.wary) if usual > 0.0 else 0.0) * unit
-        self._changed = -math.inf
-        self._noticed: frozenset[str] = frozenset()
-        self.now = self._usual
-
-    def note(self, time: float, noticed: frozenset[str]) -> None:
-        """Take note of which obstacles are noticed to move otherwise than foretold at a time, s, the newest."""
-        if noticed - self._noticed:
-            self._changed = time
-        self._noticed = noticed
-        self.now = self._wary if time - self._changed <= SUSPICIONS.wary_lasts else self._usual
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ ANGLE = 1e-9  # rad: a turn that is a full one but for this is none
 PROBABILITY = 1e-9  # Probabilities, and ratios of pivots of a factor, that are smaller are 0 but for rounding
 OFF = 1e-6  # Length, speed and rad, that a vehicle or an obstacle may be off besides what it is allowed
 LATE = 1e-6  # Share of a period, by which a replan is not too late yet
-DIRECTIONLESS = 1e-12  # Length: nearer than this to a centre there is no direction to it
 # Least and largest standard deviation that are used, in any unit: beside one another in one estimate, their squares
 # leave some digits. What is less exact than the largest one may be anywhere on the trip all the same.
 LEAST_DEVIATION, MOST_DEVIATION = 1e-5, 1e2

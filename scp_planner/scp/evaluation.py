@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -55,10 +55,3 @@ def evaluate_trip(problem: Problem, trip: Trajectory) -> Evaluation:
     given = 0.0 if problem.given is None else problem.given.worst(trip)
     points = trip.kept_at(problem.samples)
     return Evaluation(trip, points, excesses, np.concatenate(violations), problem.zones.size, given)
-
-
-def among_smaller(evaluation: Evaluation, less: Array) -> Evaluation:
-    """Return the evaluation with the violations of the trip among zones whose radii are smaller by so many m, (L,)."""
-    violations = evaluation.violations.copy()
-    violations[: len(less)] = np.maximum(violations[: len(less)] - less, 0.0)
-    return replace(evaluation, violations=violations)

@@ -176,8 +176,7 @@ class OnlineSettings(Knobs):
         noise, see `scp_planner.online.noticing`. 0: no alarms, and the declared sensor noise is not corrected.
     manoeuvre : float
         Standard deviation of a change of acceleration that an obstacle may begin at any time, as a multiple of that
-        of tentative tracks; at least 0.3 for a while after an alarm of any other, unless it is 0. Larger: zones
-        that grow faster, and slower trips.
+        of tentative tracks. Larger: zones that grow faster, and slower trips.
     changes : float
         Assumed rate of changes of an obstacle's acceleration, per unit of time of the scene. Larger: zones allow for a
         change sooner, and for more false ones, see `scp_planner.online.suspicions`. 0: only after an alarm.

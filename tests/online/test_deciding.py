@@ -143,7 +143,6 @@ class Pavement:
             tracker.take(each + self.rng.normal(0.0, 0.05, 2))
 
 
-@pytest.mark.xfail(strict=True, reason="leaves the bounds, stands there, and is walked into")
 def test_a_robot_stays_on_its_pavement_and_is_not_walked_into() -> None:
     people, limits = Pavement(seed=1), {"min": [-2.0, -2.5], "max": [42.0, 2.5]}
     robot = {"radius": 0.35, "max_speed": 1.5, "max_acceleration": 1.0, "max_deceleration": 1.5, "max_curvature": 2.0}

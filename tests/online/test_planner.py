@@ -6,7 +6,6 @@ import copy
 import math
 import pickle
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -271,28 +270,6 @@ def test_path_is_driven_slower_where_that_is_all_that_helps() -> None:
     assert plan.arrival_time > first.arrival_time + 0.1
     report = check_trip(planner.scenario.to_dict(), plan.position, 1.0, plan.arrival_time)
     assert report.ok, str(report)
-
-
-PLACE, NOISE = (10.0, 0.3), 0.1
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_room_is_kept_from_who_may_change_its_motion_at_a_bounded_price(known: bool) -> None:
-    """Beyond its zone; none from a post that is known to stand."""
-    times = np.linspace(-59.9, 0.0, 300)
-    places = np.array(PLACE) + NOISE * np.random.default_rng(1).standard_normal((300, 2))
-    spread = [[NOISE**2, 0.0], [0.0, NOISE**2]]
-    post: dict[str, Any] = {"id": "a", "shape": {"disc": 0.5}, "model": {"order": 0}}
-    post["observations"] = {"time": times.tolist(), "position": places.tolist(), "covariance": spread}
-    scenario = scene(disc("a", PLACE) if known else post, start={"speed": 3.0})
-    fastest, planner = sp.plan(scenario), Planner(scenario)
-    begin(planner, scenario)
-    for time in 0.1 * np.arange(1, 12):
-        plan = follow(planner, time)
-    times = np.linspace(1.1, plan.arrival_time, 500)
-    room = planner.zones[0].signed_distance(times, plan.position(times)).min() - scenario.vehicle.radius
-    assert plan.certified and plan.arrival_time < 1.02 * fastest.arrival_time
-    assert 0.0 <= room < 0.015 if known else 0.5 * NOISE < room < 1.5 * NOISE
 
 
 def test_who_is_late_answers_honestly_and_finds_back_to_a_plan() -> None:

@@ -11,7 +11,7 @@ from slopes import curved_problem_and_trip, differences, problem_and_trip
 
 from scp_planner.constraints.lateral import fixed_sites, station_sites
 from scp_planner.problem.build import build_problem
-from scp_planner.scp.evaluation import Evaluation, among_smaller, evaluate_trip
+from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise, rows_within
 from scp_planner.scp.merit import Penalties
 from scp_planner.settings.planning import Settings
@@ -83,18 +83,6 @@ def test_zones_smaller_than_the_way_between_samples_are_entered_as_deep_as_they_
     # Both drive straight on: seen from the crosser, the vehicle passes by on a line. Zones are rounded a little.
     missed = np.abs(early) * speeds * 3.0 / np.hypot(speeds, 3.0)
     assert found == pytest.approx(problem.zones.radius - missed, abs=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_trip_among_smaller_zones_is_evaluated_as_if_for_the_first_time(seed: int) -> None:
-    smaller, trip = problem_and_trip(1, seed=seed)
-    less = np.linspace(0.1, 0.6, smaller.zones.size)
-    problem = smaller.among(smaller.zones.inflated(less))
-    expected, before = evaluate_trip(smaller, trip), evaluate_trip(problem, trip)
-    found = among_smaller(before, less)
-    assert of_zones(before).sum() > of_zones(expected).sum() > 0.0
-    assert found.violations == pytest.approx(expected.violations, abs=1e-9)
-    assert found.worst_violation == pytest.approx(expected.worst_violation, abs=1e-9)
 
 
 def test_walls_that_overlap_are_entered_once() -> None:
