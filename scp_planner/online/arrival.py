@@ -10,9 +10,11 @@ import numpy as np
 from scp_planner.certificate.tolerances import GOAL_SPEED_TOLERANCE
 from scp_planner.online.braking import Braking
 from scp_planner.online.following import Following
+from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.remaining import State
 from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.models import Goal
+from scp_planner.scenario.units import changed
 from scp_planner.settings.online import SceneOnlineSettings
 from scp_planner.trips.trip import Trip
 
@@ -36,10 +38,16 @@ class Arrival:
         if given is None:
             given = online.period * following.top_speed if goal.radius == 0.0 and goal.region is None else 0.0
         self.tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
-        self._speed = GOAL_SPEED_TOLERANCE + max(
+        self.speed = GOAL_SPEED_TOLERANCE + max(
             following.vehicle.max_deceleration * online.period, following.speed or 0.0
         )
-        self._heading = max(ARRIVAL.heading, following.heading or 0.0)
+        self.heading = max(ARRIVAL.heading, following.heading or 0.0)
+
+    def move(self, moving: MovingGoal, time: float) -> None:
+        """Take the goal for where it is at an absolute time, s."""
+        goal = moving.at(time)
+        # Within the radius, whose velocity is not that of the target yet has not met it.
+        self.goal = changed(goal, radius=0.0) if moving.goal.match_velocity else goal
 
     def is_there(self, place: tuple[float, float], heading: float | None = None) -> bool:
         """True if a position is within the tolerance of the goal; of a goal that is a region, that of the middle."""
@@ -62,17 +70,17 @@ class Arrival:
         """True if speed and heading are those of the goal."""
         goal, heading = self.goal, state.heading
         low, high = goal.speed_range or (goal.speed, goal.speed)
-        if low is not None and high is not None and not low - self._speed <= state.speed <= high + self._speed:
+        if low is not None and high is not None and not low - self.speed <= state.speed <= high + self.speed:
             return False
         if heading is None:
             return True
         if goal.heading is not None:
-            return abs(math.remainder(heading - goal.heading, 2.0 * math.pi)) <= self._heading
+            return abs(math.remainder(heading - goal.heading, 2.0 * math.pi)) <= self.heading
         if goal.heading_range is None:
             return True
         first, last = goal.heading_range
         turned = abs(math.remainder(heading - 0.5 * (first + last), 2.0 * math.pi))
-        return turned <= 0.5 * (last - first) + self._heading
+        return turned <= 0.5 * (last - first) + self.heading
 
     def is_done(self, place: tuple[float, float]) -> bool:
         """True if there is no way left to plan from a position: it is in the goal."""
@@ -84,7 +92,7 @@ class Arrival:
     def is_to_stand(self) -> bool:
         """True if the goal asks for a speed at which the vehicle stands."""
         low, _ = self.goal.speed_range or (self.goal.speed, self.goal.speed)
-        return low is not None and low <= self._speed
+        return low is not None and low <= self.speed
 
     def braking_to_it(self, state: State, braking: Braking) -> Braking:
         """Return the braking that ends nearest to the goal straight ahead, between half and all of a braking."""

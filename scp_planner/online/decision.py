@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from scp_planner.online.arrival import Arrival
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Renewal, Replan
@@ -50,14 +49,13 @@ DECISION = DecisionParameters()
 class Waiting:
     """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it."""
 
-    def __init__(self, goal: tuple[float, float]) -> None:
-        self._goal = goal
+    def __init__(self) -> None:
         self._nearest, self._clock, self._waited = math.inf, math.inf, 0.0
 
     def waited(self, now: Replan) -> float:
         """Take note of a replan and return the time, s."""
         state = now.moment.state
-        away, passed = math.dist(state.position, self._goal), max(state.time - self._clock, 0.0)
+        away, passed = math.dist(state.position, now.moment.scenario.goal.position), max(state.time - self._clock, 0.0)
         nearer = away < self._nearest
         self._waited = max(self._waited + (-passed if nearer else passed), 0.0)
         self._nearest, self._clock = min(away, self._nearest), state.time
@@ -76,8 +74,8 @@ class Decision:
         self._unfinished: Trip | None = None  # what has come of the last improvement, which is gone on with
         self._gone_on = 0  # replans in a row in which a dodge was gone on with
         self._without = 0  # replans in a row without a look at ways
-        self._waiting = Waiting(means.given.goal.position)
-        self.arrival = Arrival(means.given.goal, means.following, means.online)
+        self._waiting = Waiting()
+        self.arrival = means.arrival
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""
@@ -88,13 +86,19 @@ class Decision:
         return self._fallback.sooner(now, plan)
 
     def _answer(self, now: Replan) -> OnlinePlan:
-        last = now.last
+        last, moving = now.last, now.moment.moving
         if last is not None and last.outcome in AWAY:
             last = None
+        if now.moment.lost:
+            return self._stopped(now, now.moment.lost)
+        if moving is not None:
+            self.arrival.move(moving, now.moment.state.time)
         arriving = self._arriving(now, last)
         if arriving is not None:
             return arriving
-        now.aimless = now.last is None or (last is not None and not self.arrival.is_end_of(last.trip))
+        now.aimless = now.last is None or (
+            last is not None and moving is None and not self.arrival.is_end_of(last.trip)
+        )
         if last is None or now.aimless:
             return self._anew(now, None, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal:
@@ -127,9 +131,7 @@ class Decision:
         arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
         if arrived or done:
             why = "arrived" if arrived else "at the goal, with another speed or heading than it asks for"
-            stop = means.stop_straight_on(now, means.braking, why)
-            if not stop.safe:
-                stop = self._fallback.leave(now, f"{why}, where no stop stays clear") or stop
+            stop = self._stopped(now, why)
             if stop.safe or done or not moves:
                 return replace(stop, arrived=arrived and (stop.safe or not moves))
         if not moves or not arrival.is_to_stand or (last is not None and means.vetting.is_on(now.moment, last.trip)):
@@ -139,6 +141,11 @@ class Decision:
         x, y = stop.position(stop.arrival_time).tolist()
         ends = there or arrival.is_there((x, y), front)
         return stop if ends and stop.safe else None
+
+    def _stopped(self, now: Replan, why: str) -> OnlinePlan:
+        """Stop straight on, or where that stays clear."""
+        stop = self._means.stop_straight_on(now, self._means.braking, why)
+        return stop if stop.safe else self._fallback.leave(now, f"{why}, where no stop stays clear") or stop
 
     def _anew(self, now: Replan, last: OnlinePlan | None, spare: OnlinePlan | None = None) -> OnlinePlan:
         """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by.

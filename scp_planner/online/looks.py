@@ -201,7 +201,8 @@ class Looks:
         assert look.trip is not None
         start, trust = look.trip.trajectory, LOOP.first_trust
         if look.trip.frame != loop.problem.frame:
-            start = remaining_trip(loop.problem, look.trip, now.moment.state)
+            led = now.moment.moving is not None
+            start = remaining_trip(loop.problem, look.trip, now.moment.state, led=led)
             trust = LOOKS.trust if look.steps else LOOP.first_trust
         enough = None if now.aimless else LOOKS.fewest_steps
         run = loop.run(start, most, cutoff, now.deadline, trust, enough)

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.moving_goal import MovingGoal
+from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from, remaining_trip
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.planning.offline import GETS_AWAY
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.grid import Fineness
@@ -33,7 +36,7 @@ from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import corridor_zones
+from scp_planner.threat_zones.of_scenario import corridor_zones, is_touched
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -109,6 +112,8 @@ class Means:
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
+        self._led: OnlinePlan | None = None  # the last plan that says when a target is met
+        self.arrival = Arrival(given.goal, following, online)
         self.spare = settings.clearance_margin + following.room
         self.gives_way_late = online.give_way is GiveWay.LATE
         if not self.gives_way_late:
@@ -117,12 +122,31 @@ class Means:
         if online.foresight is not None:
             self._foresight = online.foresight
 
-    def moment(self, state: State) -> Moment:
-        """Return a moment at a state, with all that has been observed."""
+    def moment(self, state: State, last: OnlinePlan | None) -> Moment:
+        """Return a moment at a state, with all that has been observed, and the goal where the last plan may meet it."""
         self.inbox.take_in(replanning=True)
         self.inbox.forget(state.time)
         zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
-        return Moment(state, self.scenario_at(state), zones, self.following.tube)
+        scenario, goal = self.scenario_at(state), self.given.goal
+        if goal.target is None:
+            return Moment(state, scenario, zones, self.following.tube)
+        moving = MovingGoal.of(goal, zones, self.arrival.speed, self.arrival.heading)
+        if last is not None and last.outcome not in AWAY and last.status is not PlanStatus.INFEASIBLE:
+            self._led = last  # a plan that is not finished arrives whenever
+        time = math.inf if moving is None else moving.meeting(scenario, self._led)
+        if moving is not None and time == math.inf and moving.target.covariances is not None:
+            # Nobody accelerates for ever: it is another matter whether it gets away at the speed that it has.
+            moving = replace(moving, target=moving.target.steady(state.time))
+            time = moving.meeting(scenario, self._led)
+        if moving is None or time == math.inf:
+            standing = goal if moving is None else moving.planned(state.time)
+            lost = "the target is not seen" if moving is None else GETS_AWAY
+            scenario = changed(scenario, goal=changed(standing, target=None))
+            return Moment(state, scenario, zones, self.following.tube, lost=lost)
+        met = self.obstacles.tracks[moving.name]
+        if is_touched(self.given, met.shape, met.margin):
+            zones = tuple(zone for zone in zones if zone.id != met.id)
+        return Moment(state, changed(scenario, goal=moving.planned(time)), zones, self.following.tube, moving)
 
     def scenario_at(self, state: State) -> Scenario:
         """Return what is left of the scenario, without obstacles."""
@@ -170,7 +194,7 @@ class Means:
     ) -> Vetted | Refusal:
         """Certify a trip, with the newest observations; a stop that leaves it at a time, s, first: as the last did."""
         if self.inbox:
-            now.moment = self.moment(now.moment.state)
+            now.moment = self.moment(now.moment.state, now.last)
         if branch is None:
             branch = math.inf if now.last is None else now.last.branch_time
         vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
@@ -266,6 +290,7 @@ class Renewal:
 
     def left_of(self, trip: Trip) -> Trajectory:
         """Return what is left of a trip in the problem."""
-        left = remaining_trip(self.problem, trip, self._now.moment.state)
+        moment = self._now.moment
+        left = remaining_trip(self.problem, trip, moment.state, led=moment.moving is not None)
         self._now.lap("problem")
         return left

@@ -104,6 +104,13 @@ class ObstacleTracks:
             if track.estimator is None:
                 track.relearn(self.newcomers, self._make)
 
+    def replace(self, *obstacles: Obstacle) -> None:
+        """Take in obstacles in place of those of the same ids."""
+        for obstacle in obstacles:
+            if obstacle.id in self.tracks:
+                self.remove(obstacle.id)
+        self.add(*obstacles)
+
     def widen(self, margin: float) -> None:
         """Keep another margin of all obstacles, m."""
         wider, self.margin = margin - self.margin, margin

@@ -30,12 +30,14 @@ from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
 from scp_planner.scenario.models import Goal, Scenario, Steering
 from scp_planner.scenario.places import anchored
+from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.underway import Underway
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scenario.validation import unknown_key
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.threat_zones.target import tracked
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.error_tube import TrackingTube
 
@@ -111,6 +113,7 @@ class Planner(Perception):
             raise ValueError(f"tube, online.tracking_error: {online.tracking_error!r}; give one of them")
         self.tube = None if tube is None else replace(tube, standing=0.0)
         self._tube = None if tube is None else tube.inside(units)
+        scenario = tracked(scenario)
         inside = units.scenario(scenario)
         margin = self._online.margin(inside.vehicle.max_speed)
         obstacles = ObstacleTracks(inside.confidence, margin, self._online.newcomers, self._online.watch)
@@ -225,16 +228,21 @@ class Planner(Perception):
         start = self._asked.start
         if self._state is not None:
             start = self._units.inverse.scenario(self._means.scenario_at(self._state)).start
+        name = obstacle_met(changes.get("goal"))
+        if name is not None:
+            self._check_known(call, name)
+        seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id == name]
         try:
-            asked: Scenario = Underway(**{**dict(self._asked), "start": start, **changes})
+            asked: Scenario = Underway(**{**dict(self._asked), "start": start, "obstacles": seen, **changes})
         except ScenarioError as error:
             raise ScenarioError(call, error.faults) from None
-        asked = anchored(asked)
+        asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))
         inside = self._units.scenario(asked)
         with self._inbox.work:
+            self._obstacles.replace(*inside.obstacles)
             self._take_up(inside, self.solver)
             self._obstacles.widen(self._online.margin(inside.vehicle.max_speed))
-            self._asked = asked
+            self._asked = asked.model_copy(update={"obstacles": ()})
         for each in self.listeners:
             each.changed(asked)
 
@@ -299,7 +307,7 @@ class Planner(Perception):
             end = began + deadline - self._online.reserve - min(self._overrun, REPLAN.most_kept_back * deadline)
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
-            now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
+            now = Replan(self._means.moment(state, self._last), began, end, self._last, self._cycle, clock=began)
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")

@@ -77,23 +77,29 @@ class State:
         return self.heading is not None and self.front is not None and math.cos(self.heading - self.front) < 0.0
 
 
-def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
-    """Fit what is left of a trip at a state, in the space of a problem that begins there."""
+def remaining_trip(problem: Problem, old: Trip, state: State, *, led: bool = False) -> Trajectory:
+    """Fit what is left of a trip at a state, in the space of a problem that begins there.
+
+    A trip that is led goes to the problem's goal, which has moved: its path is bent evenly.
+    """
     trajectory = old.trajectory
     first = min(max((state.time - old.frame.time) / trajectory.travel_time, 0.0), 1.0)
-    theta = _path(problem, old, first)
+    theta = _path(problem, old, first, led)
     if state.acceleration is not None:
         return _ramped(problem, theta, trajectory, first, state)
     beta = _drive(problem, trajectory, first, state.speed)
     return arriving(problem.space, theta, beta, problem.limits.acceleration)
 
 
-def _path(problem: Problem, old: Trip, first: float) -> Array:
+def _path(problem: Problem, old: Trip, first: float, led: bool) -> Array:
     space, ends, trajectory = problem.space, problem.ends, old.trajectory
     now = trajectory.at(trajectory.space.time_table(np.array([first])))
     parameters = np.linspace(float(now.parameter[0]), 1.0, REMAINING.path_samples)
     points = trajectory.path.points(parameters)
     ahead = problem.frame.to_frame(old.frame.to_world(points.position))
+    if led:
+        goal = problem.frame.to_frame(np.array(problem.scenario.goal.position))
+        ahead = ahead + np.linspace(0.0, 1.0, len(ahead))[:, None] ** 2 * (goal - ahead[-1])
     x, y = _over(space.guide, ahead)
     off = float(y[0])
     back = min(max(REMAINING.way_back, REMAINING.way_back_times * abs(off)), space.length)

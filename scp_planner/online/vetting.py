@@ -17,12 +17,13 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import Braking, braking_of, leaving, spans_between
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
+from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import standing_from, standing_trip, surely_clear
 from scp_planner.online.tolerances import TIME
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -56,6 +57,8 @@ class Moment:
     scenario: Scenario
     zones: tuple[ThreatZone, ...]
     tube: TrackingTube | None = None
+    moving: MovingGoal | None = None  # The goal, where that moves
+    lost: str = ""  # Why there is no goal to plan to; empty where there is one
     whole: Moment | None = None
     share: float = 1.0
 
@@ -113,8 +116,12 @@ class Moment:
         motions: Motions | None = None,
     ) -> Certificate:
         """Certify a trip; see `certify_trip`."""
+        scenario = self.scenario
+        if self.moving is not None:
+            arrival = trip.frame.time + trip.trajectory.travel_time
+            scenario = changed(scenario, goal=self.moving.accepted(arrival))
         return certify_trip(
-            self.scenario,
+            scenario,
             trip,
             self.zones,
             Scope(since, until, ends, math.inf, tube=self.tube),

@@ -61,6 +61,12 @@ def as_target(data: Any) -> Any:
     return data
 
 
+def obstacle_met(goal: Any) -> str | None:
+    """Id of the obstacle that the data of a goal, or a goal, is to meet; None where there is none."""
+    name = _field(as_target(_field(goal, "target")), "obstacle")
+    return name if isinstance(name, str) else None
+
+
 def about_where(data: Any, obstacles: Any, start: Any, speed: Any) -> tuple[float, float] | None:
     """Place at which a vehicle of a speed, m/s, that sets out now could meet a target; None of faulty data.
 

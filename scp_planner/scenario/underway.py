@@ -14,6 +14,7 @@ _OF_THE_START = (
     checks.observations_are_past,
     goal_checks.arrival_is_after_start,
     goal_checks.goal_is_elsewhere,
+    goal_checks.target_is_known,
 )
 
 

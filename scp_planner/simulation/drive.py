@@ -173,7 +173,7 @@ class Drive:
             if not arrived:
                 heard = self._heard(now)
                 self._tell(heard)
-        return self._finished(arrived, records, plans)
+        return self._finished(arrived and stage.is_met(), records, plans)
 
     def _drive(self, plan: OnlinePlan, now: float, following: float) -> bool:
         """Drive for one cycle; return whether the vehicle has arrived."""

@@ -14,6 +14,7 @@ from scp_planner.simulation.drive import Drive
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings, check_choices, world_of
+from scp_planner.threat_zones.target import tracked
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ def simulate(
     TypeError
         If there is no such field.
     """
+    units, scenario = NaturalUnits.of(scenario), tracked(scenario)
     chosen = replace(setup or SimulationSettings(), **choices)
-    units = NaturalUnits.of(scenario)
     noise = DEFAULTS.noise * units.length if noise is None else noise
     rate = DEFAULTS.rate / units.time if rate is None else rate
     history = DEFAULTS.history * units.time if chosen.history is None else chosen.history

@@ -13,7 +13,7 @@ from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.simulation.run import STRANGER
 from scp_planner.simulation.worlds import Script, VehicleState, World
-from scp_planner.threat_zones.of_scenario import covering_radius
+from scp_planner.threat_zones.of_scenario import covering_radius, is_touched
 from scp_planner.trips.trip import discs_at
 
 
@@ -61,6 +61,14 @@ class Stage:
         for name, course in self.courses.items():
             course.append(self.centers.get(name, absent))
 
+    def is_met(self) -> bool:
+        """True if the vehicle is at the target, where the goal has one."""
+        goal = self.scenario.goal
+        if goal.target is None:
+            return True
+        place = self.centers.get(goal.target.obstacle or "")
+        return place is not None and float(np.hypot(*(place + goal.offset - self.position))) <= goal.radius
+
     def moving(self) -> Mask:
         """Between which times that were written down the vehicle moved, (n - 1,) booleans."""
         speeds = np.array(self.speeds)
@@ -75,10 +83,12 @@ class Stage:
         return np.asarray(np.min([self._disc_clearances(disc, first, last) for disc in discs], axis=0))
 
     def _disc_clearances(self, own: Array, first: int, last: int) -> Array:
-        least = np.full(last - first, np.inf)
+        least, target = np.full(last - first, np.inf), self.scenario.goal.target
         for name, course in self.courses.items():
             center = np.array(course[first:])
             shape = self.shapes.get(name, STRANGER)
+            if target is not None and name == target.obstacle and is_touched(self.scenario, shape):
+                continue
             relative = own - center
             distance = _closest(relative)
             reach = covering_radius(shape)

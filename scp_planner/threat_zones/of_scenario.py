@@ -136,11 +136,15 @@ def _without_whom_it_meets(scenario: Scenario) -> Scenario:
     goal = scenario.goal
     met = None if goal.target is None else goal.target.obstacle
     for number, one in enumerate(scenario.obstacles):
-        if one.id == met:
-            touching = scenario.vehicle.radius + goal.radius + one.margin + covering_radius(one.shape)
-            if hypot(*goal.offset) <= touching:
-                return changed(scenario, obstacles=(*scenario.obstacles[:number], *scenario.obstacles[number + 1 :]))
+        if one.id == met and is_touched(scenario, one.shape, one.margin):
+            return changed(scenario, obstacles=(*scenario.obstacles[:number], *scenario.obstacles[number + 1 :]))
     return scenario
+
+
+def is_touched(scenario: Scenario, shape: Shape, margin: float = 0.0) -> bool:
+    """True if the vehicle is to come as near to a target of a shape as to touch it."""
+    reach = scenario.vehicle.radius + scenario.goal.radius + margin + covering_radius(shape)
+    return hypot(*scenario.goal.offset) <= reach
 
 
 def _first_of_each(obstacles: int, made: Mapping[int, Sequence[ThreatZone]]) -> Index:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, hypot
 
 import numpy as np
@@ -11,8 +11,10 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.models import Confidence, ConfidenceLevel, Goal, Obstacle, Scenario
 from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.targets import Target
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
 
 POINT = Disc(disc=1.0)
 
@@ -33,20 +35,24 @@ class TargetMotion:
         if target.obstacle is not None:
             source = next(one for one in scenario.obstacles if one.id == target.obstacle)
         else:
-            parts = {key: getattr(target, key) for key in ("motion", "observations", "estimate", "model")}
-            source = Obstacle.model_construct(id="target", margin=0.0, **parts)
+            source = _as_obstacle(target, POINT)
         alone = changed(source, shape=POINT, margin=0.0)
         one_time = Confidence(probability=0.95, level=ConfidenceLevel.PER_TIME)
         standing = changed(goal, target=None)
         bare = changed(scenario, goal=standing, obstacles=(alone,), corridor=None, walls=(), confidence=one_time)
         (zone,) = ZonesOf(bare)
+        return cls.seen_as(zone, goal.offset, one_time.probability)
+
+    @classmethod
+    def seen_as(cls, zone: ThreatZone, offset: tuple[float, float], probability: float = 0.95) -> TargetMotion:
+        """Return the motion of whom a zone holds at each time with a probability, met at an offset from it, m."""
         spread = zone.covariances
         if spread is not None:
             from scp_planner.tracking.confidence import NormalErrors
 
-            scale = NormalErrors().pointwise_scale(1.0 - one_time.probability)
+            scale = NormalErrors().pointwise_scale(1.0 - probability)
             spread = PiecewisePolynomials(spread.breakpoints, spread.coefficients / scale)
-        return cls(zone.centers.plus(goal.offset), spread)
+        return cls((zone.expected or zone.centers).plus(offset), spread)
 
     def place(self, time: float) -> tuple[float, float]:
         """Return the place at an absolute time."""
@@ -65,6 +71,11 @@ class TargetMotion:
         xx, xy, yy = self._at(self.covariances, time)
         return np.array([[xx, xy], [xy, yy]])
 
+    def steady(self, since: float) -> TargetMotion:
+        """Return the motion of a target that keeps up the velocity that it has at an absolute time, s."""
+        line = np.array([self.place(since), self.velocity(since)])
+        return replace(self, centers=PiecewisePolynomials.single(since, line))
+
     def goal_at(self, goal: Goal, time: float) -> Goal:
         """Return the goal that stands where the target is to be met at a time."""
         held: dict[str, object] = {"position": self.place(time), "target": None, "offset": (0.0, 0.0)}
@@ -78,6 +89,21 @@ class TargetMotion:
     def _at(polynomials: PiecewisePolynomials, time: float) -> list[float]:
         values: list[float] = polynomials.at(np.zeros(1, dtype=np.intp), np.array([time]))[0].tolist()
         return values
+
+
+def tracked(scenario: Scenario) -> Scenario:
+    """Return a scenario whose target is an obstacle: one named target, of the vehicle's size, where it was none."""
+    target = scenario.goal.target
+    if target is None or target.obstacle is not None:
+        return scenario
+    seen = _as_obstacle(target, Disc(disc=scenario.vehicle.radius))
+    goal = changed(scenario.goal, target=Target.model_construct(obstacle=seen.id))
+    return changed(scenario, goal=goal, obstacles=(*scenario.obstacles, seen))
+
+
+def _as_obstacle(target: Target, shape: Disc) -> Obstacle:
+    parts = {key: getattr(target, key) for key in ("motion", "observations", "estimate", "model")}
+    return Obstacle.model_construct(id="target", shape=shape, margin=0.0, **parts)
 
 
 def goal_on_arrival(scenario: Scenario, time: float) -> Goal:
