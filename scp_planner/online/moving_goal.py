@@ -76,6 +76,8 @@ class MovingGoal:
         if last is None or least == inf:
             return now + least
         arrival, heading = last.arrival_time, float(last.heading(last.arrival_time))
+        if self.goal.match_velocity:  # the end of the trip heads as the target does, wherever that comes from
+            return now + max(arrival - now, least)
         (x, y), (u, v) = self.target.place(arrival), self.target.velocity(arrival)
         end, ahead = last.position(arrival), (cos(heading), sin(heading))
         short = (x - end[0]) * ahead[0] + (y - end[1]) * ahead[1]
