@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,25 @@ def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "wall_time": plan.wall_time,
         "method": plan.method,
         "solver": plan.solver,
+        **(_of_meeting(scenario, plan) if scenario.goal.target is not None else {}),
+    }
+
+
+def _of_meeting(scenario: Scenario, plan: Plan) -> dict[str, Any]:
+    """Sum up the arrival of a plan at a target: where, how much faster than it, and whether within the radius."""
+    from scp_planner.planning.meeting import meeting
+
+    met, (heading, speed) = (
+        meeting(scenario, plan),
+        (float(one(plan.arrival_time)) for one in (plan.heading, plan.speed)),
+    )
+    driven = speed * math.cos(heading), speed * math.sin(heading)
+    return {
+        "meeting_x": met.place[0],
+        "meeting_y": met.place[1],
+        "relative_speed": math.dist(driven, met.velocity),
+        "distance_at_meeting": met.distance,
+        "probability_within": met.probability,
     }
 
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import scp_planner as sp
+from scp_planner.cli.summaries import of_plan
 from scp_planner.planning.meeting import within
 
 pytestmark = pytest.mark.numerics
@@ -153,3 +154,13 @@ def test_the_probability_is_that_of_drawn_errors(mean: tuple[float, float]) -> N
     drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, 200_000)
     share = float((np.hypot(*drawn.T) < 0.5).mean())
     assert within(0.5, np.array(mean), covariance) == pytest.approx(share, abs=4.0 * math.sqrt(0.25 / 200_000))
+
+
+def test_summary_of_the_command_line_tells_the_meeting() -> None:
+    """A trip straight towards a target that comes along the same line: their speeds add up."""
+    given = scenario({"target": {"motion": {"position": [20.0, 0.0], "velocity": [-1.0, 0.0]}}})
+    plan = sp.plan(given)
+    told = of_plan(given, plan)
+    assert told["meeting_x"] == pytest.approx(20.0 - plan.travel_time, abs=1e-3)
+    assert told["relative_speed"] == pytest.approx(4.0, rel=1e-2)
+    assert told["probability_within"] == 1.0
