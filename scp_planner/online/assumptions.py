@@ -10,6 +10,7 @@ from scp_planner.online.following import Following
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.tolerances import LATE, OFF, RELATIVE, TIME
 from scp_planner.online.vetting import Moment
+from scp_planner.scenario.models import Bounds
 from scp_planner.scenario.units import NaturalUnits
 
 
@@ -21,12 +22,24 @@ class Assumptions:
         self._before: Moment | None = None
         self._told: frozenset[str] = frozenset()
 
-    def broken(self, now: Moment, last: OnlinePlan | None, following: Following) -> tuple[str, ...]:
+    def broken(
+        self, now: Moment, last: OnlinePlan | None, following: Following, bounds: Bounds | None
+    ) -> tuple[str, ...]:
         """Return what does not hold any more and has not been told yet, and remember the moment."""
         before, self._before = self._before, now
-        if before is None or last is None:
-            return ()
-        found = self._escaped(before, now, last.trip.frame)
+        wider, found = now.scenario.bounds, dict[str, str]()
+        if bounds is not None and wider is not None and bounds is not wider:
+            out = float(np.subtract([bounds.min, wider.max], [wider.min, bounds.max]).max()) * self._units.length
+            found["bounds"] = f"the vehicle is {out:.3g} m outside of the bounds: plans go no farther out"
+        if before is not None and last is not None:
+            found |= self._escaped(before, now, last.trip.frame) | self._off(before, now, last, following)
+        new = tuple(text for key, text in found.items() if key not in self._told)
+        self._told = frozenset(found)
+        return new
+
+    def _off(self, before: Moment, now: Moment, last: OnlinePlan, following: Following) -> dict[str, str]:
+        """Replans that come late, and a vehicle that does not keep to its plan."""
+        found = dict[str, str]()
         late = now.state.time - before.state.time
         if late > self._period * (1.0 + LATE) + TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
@@ -35,9 +48,7 @@ class Assumptions:
             length, speed = off.distance * self._units.length, off.speed * self._units.speed
             by = f"{length:.3g} m off its plan, {speed:.3g} m/s in speed and {off.heading:.3g} rad in heading"
             found["track"] = f"the vehicle is {by}: beyond the tracking error"
-        new = tuple(text for key, text in found.items() if key not in self._told)
-        self._told = frozenset(found)
-        return new
+        return found
 
     def _escaped(self, before: Moment, now: Moment, frame: PlanningFrame) -> dict[str, str]:
         """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each."""

@@ -18,7 +18,7 @@ from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
-from scp_planner.online.remaining import State, _guide_from, remaining_trip
+from scp_planner.online.remaining import State, _guide_from, bounds_round, remaining_trip
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.offline import GETS_AWAY
@@ -159,6 +159,8 @@ class Means:
         )
         vehicle = self._reversed if state.backwards else self.given.vehicle
         changes: dict[str, Any] = {"start": start, "obstacles": (), "vehicle": vehicle}
+        if self.given.bounds is not None:
+            changes["bounds"] = bounds_round(self.given.bounds, vehicle, state)
         if self.given.guide is not None:
             changes["guide"] = _guide_from(self.given.guide, state.position)
         return self.given.model_copy(update=changes)

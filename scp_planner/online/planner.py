@@ -352,7 +352,7 @@ class Planner(Perception):
         return output_named("planner record")(self, path)
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
-        yield from self._assumptions.broken(now.moment, self._last, self._means.following)
+        yield from self._assumptions.broken(now.moment, self._last, self._means.following, self.given.bounds)
         yield from self._inbox.leads()
         fast, before = speeding(speed, self.given.vehicle.max_speed * self._units.speed), self._speeding
         self._speeding = fast is not None

@@ -12,6 +12,7 @@ from scp_planner.arrays import Array
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.tolerances import LENGTH, OFF, RELATIVE
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.models import Bounds, Vehicle
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
@@ -75,6 +76,17 @@ class State:
     def backwards(self) -> bool:
         """True if it drives with its front behind."""
         return self.heading is not None and self.front is not None and math.cos(self.heading - self.front) < 0.0
+
+
+def bounds_round(bounds: Bounds, vehicle: Vehicle, state: State) -> Bounds:
+    """Return bounds that are larger on the sides on which the vehicle is outside: it may go no farther out."""
+    ahead = 0.0 if state.heading is None else state.heading
+    discs = np.outer(vehicle.discs, (math.cos(ahead), math.sin(ahead))) + state.position
+    low, high = discs.min(axis=0) - vehicle.radius, discs.max(axis=0) + vehicle.radius
+    wider = np.where(low < bounds.min, low - OFF, bounds.min), np.where(high > bounds.max, high + OFF, bounds.max)
+    if np.array_equal(wider, (bounds.min, bounds.max)):
+        return bounds
+    return bounds.model_copy(update={"min": tuple(wider[0].tolist()), "max": tuple(wider[1].tolist())})
 
 
 def remaining_trip(problem: Problem, old: Trip, state: State, *, led: bool = False) -> Trajectory:
