@@ -19,8 +19,8 @@ from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.boundaries import boundaries_of
-from scp_planner.threat_zones.of_scenario import zones
-from scp_planner.threat_zones.target import goal_on_arrival
+from scp_planner.threat_zones.of_scenario import whom_it_touches, zones
+from scp_planner.threat_zones.target import goal_on_arrival, tracked
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 from scp_planner.trips.trip import discs_at
 
@@ -190,6 +190,9 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     """Sample a plan and the zones of its scenario."""
     span = plan.start_time, plan.arrival_time
     time = np.linspace(*span, times) if isinstance(times, int) else np.asarray(times, dtype=float)
+    asked = tracked(scenario)
+    scenario = changed(asked, goal=goal_on_arrival(scenario, plan.arrival_time))  # whom it meets is drawn, too
+    met = whom_it_touches(asked)
     truth = dict(truth or {})
     if unknown := sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles}):
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
@@ -205,8 +208,11 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         profiles=profiles_of(
             vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
         ),
-        obstacles=_record_obstacles(scenario, time, position, heading, truth),
-        **scene_of(changed(scenario, goal=goal_on_arrival(scenario, plan.arrival_time))),
+        obstacles=tuple(
+            replace(one, clearance=np.full(len(time), np.nan)) if one.id == met else one
+            for one in _record_obstacles(scenario, time, position, heading, truth)
+        ),
+        **scene_of(scenario),
     )
 
 

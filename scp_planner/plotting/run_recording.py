@@ -25,11 +25,13 @@ from scp_planner.plotting.recording import (
 )
 from scp_planner.plotting.scales import length_text
 from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.boundaries import boundaries_of
 from scp_planner.threat_zones.zone import by_obstacle
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
+    from scp_planner.scenario.models import Scenario
     from scp_planner.simulation.run import Run
     from scp_planner.threat_zones.zone import ThreatZone
 
@@ -65,7 +67,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             speed_limit_at(run.scenario, position),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
-        **scene_of(run.last_scenario),
+        **scene_of(_where_it_ended(run)),
         places=tuple(place for place in goals if place != run.last_scenario.goal.position),
         replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),
     )
@@ -80,6 +82,16 @@ def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple
         else _obstacle(name, run, time, cycle, discs, zones)
         for name in names_of(run)
     )
+
+
+def _where_it_ended(run: Run) -> Scenario:
+    """The last scenario; a target stands where it really was at the end."""
+    scenario, goal = run.last_scenario, run.last_scenario.goal
+    course = None if goal.target is None else run.obstacles.get(str(goal.target.obstacle))
+    if course is None:
+        return scenario
+    x, y = (course[-1] + goal.offset).tolist()
+    return changed(scenario, goal=changed(goal, position=(x, y)))
 
 
 def names_of(run: Run) -> tuple[str, ...]:

@@ -131,14 +131,19 @@ class ZonesOf(SortedZones):
         return self._made[index]
 
 
-def _without_whom_it_meets(scenario: Scenario) -> Scenario:
-    """Leave out the obstacle that is the goal's target, where the vehicle is to come as near as to touch it."""
+def whom_it_touches(scenario: Scenario) -> str | None:
+    """Id of the obstacle that is the goal's target, where the vehicle is to come as near as to touch it."""
     goal = scenario.goal
     met = None if goal.target is None else goal.target.obstacle
-    for number, one in enumerate(scenario.obstacles):
-        if one.id == met and is_touched(scenario, one.shape, one.margin):
-            return changed(scenario, obstacles=(*scenario.obstacles[:number], *scenario.obstacles[number + 1 :]))
-    return scenario
+    touched = (one.id for one in scenario.obstacles if one.id == met and is_touched(scenario, one.shape, one.margin))
+    return next(touched, None)
+
+
+def _without_whom_it_meets(scenario: Scenario) -> Scenario:
+    met = whom_it_touches(scenario)
+    if met is None:
+        return scenario
+    return changed(scenario, obstacles=tuple(one for one in scenario.obstacles if one.id != met))
 
 
 def is_touched(scenario: Scenario, shape: Shape, margin: float = 0.0) -> bool:

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 import scp_planner as sp
 from scp_planner.cli.summaries import of_plan
 from scp_planner.planning.meeting import within
+from scp_planner.plotting.recording import record_plan
 
 pytestmark = pytest.mark.numerics
 
@@ -164,3 +165,14 @@ def test_summary_of_the_command_line_tells_the_meeting() -> None:
     assert told["meeting_x"] == pytest.approx(20.0 - plan.travel_time, abs=1e-3)
     assert told["relative_speed"] == pytest.approx(4.0, rel=1e-2)
     assert told["probability_within"] == 1.0
+
+
+def test_pictures_show_the_target_and_where_it_is_met() -> None:
+    ship = {"id": "boat", "shape": {"disc": 0.5}, "motion": {"position": [9.0, 0.0], "velocity": [-1.0, 0.5]}}
+    for goal, obstacles in (({"target": "boat"}, [ship]), ({"target": {"motion": ship["motion"]}}, [])):
+        given = scenario(goal, obstacles)
+        plan = sp.plan(given)
+        recording = record_plan(plan, given)
+        assert recording.goal == pytest.approx(sp.meeting(given, plan).place)
+        (target,) = recording.obstacles
+        assert target.center[-1] == pytest.approx(recording.goal)
