@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.errors import TooLargeError as TooLargeError
+    from scp_planner.mathematics.occupancy import OccupancyMap as OccupancyMap
     from scp_planner.online.plan import OnlinePlan as OnlinePlan
     from scp_planner.online.plan import Outcome as Outcome
     from scp_planner.online.planner import Planner as Planner
@@ -27,10 +28,13 @@ if TYPE_CHECKING:
     from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
     from scp_planner.scenario.estimates import Estimate as Estimate
+    from scp_planner.scenario.map_files import load_map as load_map
+    from scp_planner.scenario.map_files import save_map as save_map
     from scp_planner.scenario.models import Bounds as Bounds
     from scp_planner.scenario.models import Confidence as Confidence
     from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
     from scp_planner.scenario.models import Goal as Goal
+    from scp_planner.scenario.models import Ground as Ground
     from scp_planner.scenario.models import Model as Model
     from scp_planner.scenario.models import Observations as Observations
     from scp_planner.scenario.models import Obstacle as Obstacle
@@ -74,11 +78,13 @@ _MODULE_OF = {
     "Future": "scenario.motions",
     "Futures": "scenario.motions",
     "Goal": "scenario.models",
+    "Ground": "scenario.models",
     "Meeting": "planning.meeting",
     "Model": "scenario.models",
     "Motion": "scenario.motions",
     "Observations": "scenario.models",
     "Obstacle": "scenario.models",
+    "OccupancyMap": "mathematics.occupancy",
     "OnlinePlan": "online.plan",
     "OnlineSettings": "settings.online",
     "Outcome": "online.plan",
@@ -108,9 +114,11 @@ _MODULE_OF = {
     "certify": "certificate.check",
     "estimate_motion": "tracking.maximum_likelihood",
     "lower_bound": "certificate.lower_bound",
+    "load_map": "scenario.map_files",
     "meeting": "planning.meeting",
     "penalty_descent": "baseline.penalty_descent",
     "plan": "planning.offline",
+    "save_map": "scenario.map_files",
     "simulate": "simulation.loop",
     "zones": "threat_zones.of_scenario",
 }

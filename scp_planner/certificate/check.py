@@ -8,8 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from scp_planner.certificate.cells import clear_of_cells
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
-from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leaves_bounds
+from scp_planner.certificate.clearance import Kept, VehicleDisc, least_clearance, leaves_bounds
+from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import KeptMotion, Motions
@@ -151,9 +153,19 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     if motions is not None and known and keeps_speed_later(checked, limits):
         space, scenario = checked.trajectory.space, checked.scenario
         motions.add(checked.trip, KeptMotion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
-    kept = least_clearance(checked, pieces, discs, precision)
+    kept = _kept(checked, pieces, discs, precision)
     violations += [*kept.violations, *outside]
     return Certificate(not violations, kept.clearance, uses, tuple(violations))
+
+
+def _kept(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], precision: float) -> Kept:
+    """Bound the clearance from zones and from the cells of a map."""
+    kept = least_clearance(checked, pieces, discs, precision)
+    if checked.scenario.ground is None:
+        return kept
+    found = [kept, *(clear_of_cells(checked, pieces, disc, precision) for disc in discs)]
+    least = min(found, key=lambda one: one.clearance.minimum).clearance
+    return Kept(least, tuple(violation for one in found for violation in one.violations))
 
 
 def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions) -> Certificate | None:
@@ -162,7 +174,7 @@ def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     part = motion.part(checked) if motion is not None and motion.serves(checked, ends) else None
     if motion is None or part is None:
         return None
-    kept = least_clearance(checked, part.pieces, part.discs, precision)
+    kept = _kept(checked, part.pieces, part.discs, precision)
     if not kept.violations:
         return Certificate(True, kept.clearance, motion.limits)
     begun = checked.absolute(checked.first)

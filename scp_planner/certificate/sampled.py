@@ -10,6 +10,7 @@ from math import inf
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
+from scp_planner.certificate.cells import NearCells, reach
 from scp_planner.certificate.ends import (
     EndState,
     beside_corridor,
@@ -27,6 +28,7 @@ from scp_planner.certificate.tolerances import (
 )
 from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, LimitUse, Violation
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.occupancy import NAME, OccupancyMap
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
@@ -278,7 +280,34 @@ class _SampledCheck:
         return 0.5 * abs(offset) * min(float(self.pieces.standing_turn.max()), STANDING_TURN)
 
     def _clearances(self) -> Clearance:
-        return min((self._clearance(offset) for offset in self.scenario.vehicle.discs), key=lambda one: one.minimum)
+        found = [self._clearance(offset) for offset in self.scenario.vehicle.discs]
+        if self.scenario.ground is not None:
+            found += [
+                self._clearance_of_cells(offset, self.scenario.ground.map) for offset in self.scenario.vehicle.discs
+            ]
+        return min(found, key=lambda one: one.minimum)
+
+    def _clearance_of_cells(self, offset: float, ground: OccupancyMap) -> Clearance:
+        """Least clearance of a disc that is so far ahead of the reference point from the cells of a map."""
+        size, keep = ground.resolution, self.scenario.vehicle.radius + self._turned(offset)
+        parts, certified, least, when = self._parts, inf, inf, 0.0
+        disc = self.pieces.disc(parts, offset)
+        near = NearCells.round(ground, disc, keep)
+        for _ in range(EFFORT.most_halvings):
+            value, lower = near.distances(ground.local(disc.position))
+            value, lower = size * value - keep, size * lower - keep - reach(disc)
+            worst = int(np.argmin(value))
+            if value[worst] < least:
+                least, when = float(value[worst]), float(disc.time[worst])
+            certified = min(certified, float(lower[lower >= 0.0].min(initial=inf)))
+            if not least >= 0.0 or (lower >= 0.0).all():
+                break
+            parts = parts.halves(lower < 0.0)
+            disc = self.pieces.disc(parts, offset)
+        if least < 0.0 or not (lower >= 0.0).all():
+            self._note("clearance", min(least, 0.0), 0.0, when, True, NAME)
+            return Clearance(min(least, 0.0), NAME, when)
+        return Clearance(certified, NAME, when)
 
     def _clearance(self, offset: float) -> Clearance:
         """Least clearance of a disc that is so far ahead of the reference point."""

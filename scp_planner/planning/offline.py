@@ -18,6 +18,7 @@ from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.last_resorts import MoreEffort, StricterLimits
 from scp_planner.planning.legs import may_have_legs, plan_of_legs
 from scp_planner.planning.meeting_search import MeetingSearch
+from scp_planner.planning.over_map import plan_over_map
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
@@ -101,18 +102,20 @@ def plan(
             return plan(roomier, settings, solver, left, constraints)
 
         return plan_in_tube(scenario, tube, without, time_limit)
-
     NaturalUnits.of(scenario)  # which refuses what is no scenario
-    if constraints is not None or not may_have_legs(scenario):
-        return planned(scenario, settings, solver, time_limit, constraints)
 
-    # What is estimated is known less well at a later start: all legs keep clear of the zones at the first one
-    found = zones(scenario)
+    def over_ground(within: Scenario, left: float | None) -> Plan:
+        if constraints is not None or not may_have_legs(within):
+            return planned(within, settings, solver, left, constraints)
+        # What is estimated is known less well at a later start: all legs keep clear of the zones at the first one
+        found = zones(within)
 
-    def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
-        return planned(scene, settings, solver, left, thorough=thorough, threat_zones=found)
+        def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
+            return planned(scene, settings, solver, left, thorough=thorough, threat_zones=found)
 
-    return plan_of_legs(scenario, one, time_limit)
+        return plan_of_legs(within, one, left)
+
+    return over_ground(scenario, time_limit) if scenario.ground is None else plan_over_map(scenario, over_ground, time_limit)
 
 
 def planned(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
+from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.recording import Recording
 from scp_planner.plotting.style import FORBIDDEN, GREY, SLOW, SLOW_TEXT, halo
@@ -51,15 +52,39 @@ def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> No
         axes.add_patch(PathPatch(border, facecolor="none", edgecolor=GREY, linewidth=1.4, zorder=1))
     for lane in recording.lanes:
         axes.plot(*lane.T, **LANE_LOOK, zorder=0.9)
+    if recording.map is not None:
+        _draw_cells(axes, recording.map, low, high)
     for wall in recording.walls:
         axes.add_patch(Polygon(wall, **FORBIDDEN_LOOK, linewidth=1.0, zorder=1))
     if recording.guide is not None:
         axes.plot(*recording.guide.T, **GUIDE_LOOK, zorder=1.2)
 
 
+def _draw_cells(axes: Axes, ground: OccupancyMap, low: Array, high: Array) -> None:
+    """Draw the occupied cells of the part of a map that is in the picture."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.transforms import Affine2D
+
+    corners = ground.local(np.array([low, high, [low[0], high[1]], [high[0], low[1]]]))
+    first, last = np.floor(corners.min(axis=0)).astype(np.intp), np.floor(corners.max(axis=0)).astype(np.intp)
+    cells = ground.window(first, last)
+    turned = Affine2D().scale(ground.resolution).rotate(ground.yaw).translate(*ground.origin)
+    axes.imshow(
+        np.where(cells, 0.0, np.nan),
+        cmap=ListedColormap([GREY]),
+        extent=(float(first[0]), float(last[0] + 1), float(first[1]), float(last[1] + 1)),
+        origin="lower",
+        interpolation="nearest",
+        transform=turned + axes.transData,
+        zorder=0.95,
+    )
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+
+
 def has_forbidden(recording: Recording) -> bool:
     """True if there is ground that the vehicle may not be on."""
-    return bool(recording.corridor or recording.walls or recording.bounds is not None)
+    return bool(recording.corridor or recording.walls or recording.map or recording.bounds is not None)
 
 
 def slow_cells(recording: Recording, x: Array, y: Array) -> Array:

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor, planar
+from scp_planner.mathematics.occupancy import NAME as MAP
+from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.plotting.borders import body_of, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
@@ -110,6 +112,7 @@ class Recording:
     obstacles: tuple[ObstacleRecord, ...]
     corridor: tuple[Array, ...] = ()  # (k, 2) Polygons that the vehicle stays in, m
     discs: Sequence[float] = (0.0,)
+    map: OccupancyMap | None = None  # whose occupied cells no disc of the vehicle touches
     walls: tuple[Array, ...] = ()  # (k, 2) Polygons that no disc of the vehicle enters, m
     lanes: tuple[Array, ...] = ()  # (k, 2) Borders of lanes, m, which nobody is kept from
     guide: Array | None = None  # (k, 2) The lane that the path is an offset of, m; None: straight
@@ -263,7 +266,8 @@ def points_at(time: Array, known: Array, points: Array, beyond: float | None = N
 def ground_of(scenario: Scenario) -> tuple[str, ...]:
     """Names that the ground of a scenario has among its zones: of what lies outside the corridor, and of walls."""
     corridor_name = () if scenario.corridor is None else (corridor.NAME,)
-    return (*corridor_name, *((corridor.WALLS,) if scenario.walls else ()))
+    map_name = () if scenario.ground is None else (MAP,)
+    return (*corridor_name, *((corridor.WALLS,) if scenario.walls else ()), *map_name)
 
 
 def scene_of(scenario: Scenario) -> dict[str, Any]:
@@ -279,6 +283,7 @@ def scene_of(scenario: Scenario) -> dict[str, Any]:
         "goal_region": None if goal.region is None else np.array(goal.region),
         "bounds": None if bounds is None else (bounds.min, bounds.max),
         "corridor": tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ()),
+        "map": None if scenario.ground is None else scenario.ground.map,
         "walls": tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.walls),
         "lanes": tuple(np.array(line) for line in scenario.lanes),
         "guide": None if scenario.guide is None else np.array(scenario.guide),

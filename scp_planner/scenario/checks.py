@@ -218,6 +218,22 @@ def start_is_clear_of_walls(scenario: Any) -> Iterator[Objection]:
             yield Objection(("start", "position"), start.position, text)
 
 
+def ends_are_clear_of_cells(scenario: Any) -> Iterator[Objection]:
+    """At the start no disc touches an occupied cell, nor at the goal, unless it may lie elsewhere."""
+    if scenario.ground is None:
+        return
+    if scenario.corridor is not None:
+        yield Objection(("corridor",), scenario.corridor, "must be null beside a map of the ground")
+    radius = scenario.vehicle.radius
+    fixed = scenario.goal.radius == 0.0 and scenario.goal.region is None and scenario.goal.target is None
+    for place in ("start", "goal") if fixed else ("start",):
+        discs = _disc_centres(getattr(scenario, place), scenario)
+        room = min(scenario.ground.map.distance(centre, radius) for centre in discs)
+        if room < radius:
+            text = f"must be at least {radius:g} m, the radius, from occupied cells of the map; it is {room:.6g} m"
+            yield Objection((place, "position"), getattr(scenario, place).position, text)
+
+
 def stretch_is_not_empty(limit: Any) -> Iterator[Objection]:
     """A stretch ends behind its beginning."""
     if limit.to is not None and limit.to <= limit.from_:

@@ -25,6 +25,8 @@ from scp_planner.mathematics.corridor import SIZE
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.scenario import checks, goal_checks
 from scp_planner.scenario.goals import with_aim
+from scp_planner.scenario.ground import Ground as Ground
+from scp_planner.scenario.ground import read_ground
 from scp_planner.scenario.motions import all_timed, timed
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.obstacles import Model as Model
@@ -287,6 +289,7 @@ class Scenario(Part):
         checks.corridor_has_its_name,
         checks.walls_are_convex,
         checks.start_is_clear_of_walls,
+        checks.ends_are_clear_of_cells,
         checks.stretches_begin_on_their_lines,
         checks.speeds_keep_to_places,
         checks.ids_are_unique,
@@ -323,6 +326,9 @@ class Scenario(Part):
         (),
         description="convex polygons [[[x, y], ...], ...] that stand and that no disc of the vehicle enters, such as"
         " what lies beside a road",
+    )
+    ground: OfParts[Ground | None] = by_default(
+        None, description="map whose occupied cells no disc of the vehicle touches; null: none"
     )
     lanes: TakenAs[Row[Polyline], Sequence[Numbers]] = by_default(
         (),
@@ -412,7 +418,8 @@ class Scenario(Part):
         data, faults = files.read(path)
         if data is not None and "travel_time" in data:
             raise ScenarioError(str(path), [Fault("", MISSING, "this is a plan or a run, not a scenario")])
-        faults = [*faults, *read_processes(data, Path(path).parent)]
+        folder = Path(path).parent
+        faults = [*faults, *read_processes(data, folder), *read_ground(data, folder)]
         try:
             scenario = cls.model_validate(data) if data is not None else None
         except ValidationError as error:

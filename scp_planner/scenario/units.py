@@ -72,6 +72,7 @@ class NaturalUnits(Units):
             else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
             corridor=None if scenario.corridor is None else self.lines(scenario.corridor),
             walls=self.lines(scenario.walls),
+            ground=None if scenario.ground is None else changed(scenario.ground, map=scenario.ground.map.inside(self)),
             lanes=self.lines(scenario.lanes),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
             obstacles=tuple(self.obstacle(one, go_on) for one in with_pauses(scenario.obstacles, go_on)),

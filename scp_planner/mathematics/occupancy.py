@@ -1,0 +1,129 @@
+"""Ground as a grid of square cells, each occupied or free."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import cos, sin
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.units import Point, Units
+
+NAME = "map"  # what occupied cells are called among obstacles
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyMap:
+    """Square cells of the ground, occupied or free.
+
+    Parameters
+    ----------
+    occupied : array_like of bool
+        (rows, columns); the first row is the lowest one, as in ``nav_msgs/OccupancyGrid``. A cell is closed: its border
+        belongs to it.
+    resolution : float
+        Edge of a cell, m.
+    origin : tuple of float
+        [x, y] of the lower left corner of the first cell, m.
+    yaw : float
+        Direction of the rows, rad, counterclockwise from the x axis.
+    beyond : bool
+        Whether what lies beyond the grid is occupied.
+
+    Raises
+    ------
+    ValueError
+        If the cells are no grid, or the resolution or the origin are no numbers that can be.
+    """
+
+    occupied: Mask
+    resolution: float
+    origin: Point = (0.0, 0.0)
+    yaw: float = 0.0
+    beyond: bool = True
+    source: str | None = field(default=None, repr=False)  # the file that it was read from
+
+    def __post_init__(self) -> None:
+        cells = np.asarray(self.occupied)
+        if cells.ndim != 2 or 0 in cells.shape:
+            raise ValueError(f"occupied: must be a grid of rows and columns, not of shape {cells.shape}")
+        if not (self.resolution > 0.0 and np.isfinite(self.resolution)):
+            raise ValueError(f"resolution: {self.resolution!r} must be a positive number of m")
+        if not np.isfinite([*self.origin, self.yaw]).all() or len(self.origin) != 2:
+            raise ValueError(f"origin: {self.origin!r}, yaw {self.yaw!r} must be two numbers of m and one of rad")
+        object.__setattr__(self, "occupied", cells.astype(bool, copy=False))
+        object.__setattr__(self, "origin", (float(self.origin[0]), float(self.origin[1])))
+
+    def __repr__(self) -> str:
+        rows, columns = self.occupied.shape
+        return f"OccupancyMap({rows} x {columns} cells of {self.resolution:g} m)"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, OccupancyMap):
+            return NotImplemented
+        return self is other or (
+            (self.resolution, self.origin, self.yaw, self.beyond)
+            == (other.resolution, other.origin, other.yaw, other.beyond)
+            and np.array_equal(self.occupied, other.occupied)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.resolution, self.origin, self.yaw, self.occupied.shape))
+
+    @cached_property
+    def sha256(self) -> str:
+        """Digest of the cells and of where they are."""
+        digest = hashlib.sha256(repr((self.resolution, self.origin, self.yaw, self.beyond)).encode())
+        digest.update(repr(self.occupied.shape).encode())
+        digest.update(np.packbits(self.occupied).tobytes())
+        return digest.hexdigest()
+
+    @property
+    def rotation(self) -> Array:
+        """(2, 2) matrix that turns directions of the grid into those of the world."""
+        return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
+
+    def local(self, points: ArrayLike) -> Array:
+        """Return points (..., 2), m, in cells from the lower left corner: columns, rows."""
+        return (np.asarray(points, dtype=float) - self.origin) @ self.rotation / self.resolution
+
+    def world(self, cells: Array) -> Array:
+        """Return points (..., 2) in cells, as :meth:`local` gives them, in m."""
+        return np.asarray(self.origin) + self.resolution * cells @ self.rotation.T
+
+    def at(self, cells: Index) -> Mask:
+        """True for cells (..., 2), column and row, that are occupied; beyond the grid as is said of it."""
+        column, row = cells[..., 0], cells[..., 1]
+        rows, columns = self.occupied.shape
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        found = self.occupied[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        return np.where(inside, found, self.beyond)
+
+    def window(self, low: Index, high: Index) -> Mask:
+        """Return the cells from a lower left one to an upper right one, both with them, (column, row)."""
+        shape = self.occupied.shape[::-1]
+        found = np.full((high[1] - low[1] + 1, high[0] - low[0] + 1), self.beyond)
+        first, last = np.clip(low, 0, shape), np.clip(high + 1, 0, shape)
+        if (first < last).all():
+            part = self.occupied[first[1] : last[1], first[0] : last[0]]
+            found[first[1] - low[1] : last[1] - low[1], first[0] - low[0] : last[0] - low[0]] = part
+        return found
+
+    def distance(self, point: Point, within: float) -> float:
+        """Distance of a point from the nearest occupied cell, m; inf if that is not within a distance, m."""
+        place, reach = self.local(point), within / self.resolution
+        low = np.floor(place - reach).astype(np.intp)
+        rows, columns = np.nonzero(self.window(low, np.floor(place + reach).astype(np.intp)))
+        away = np.stack([columns + low[0], rows + low[1]], axis=1) - place
+        outside = np.maximum(np.maximum(away, -1.0 - away), 0.0)  # of the square from the corner on
+        return self.resolution * float(np.hypot(*outside.T).min(initial=np.inf))
+
+    def inside(self, units: Units) -> OccupancyMap:
+        """Return the map in units of a scene."""
+        return OccupancyMap(
+            self.occupied, self.resolution / units.length, units.place(self.origin), self.yaw, self.beyond, self.source
+        )

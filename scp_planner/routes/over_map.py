@@ -1,0 +1,312 @@
+"""Routes over a map: the shortest way of a disc over free cells, and convex ground free of occupied cells along it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, hypot, sqrt
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.routes.outlines import StandingShape
+from scp_planner.scenario.models import Scenario
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """Fineness of routes over maps, and how wide the ground along them is."""
+
+    fine: float = 0.25  # of the vehicle's radius: cells may be so large for routes; finer where there is none
+    blocks: int = 250_000  # of cells, among which a route is looked for first
+    wide: float = 12.0  # radii to each side, that the ground along a route is at most wide
+    long: float = 8.0  # radii, of a piece of ground along its route at most
+    most_pieces: int = 40  # of a route; of longer ones each is longer
+    more: float = 1.001  # of the radius, that a route keeps from occupied cells
+    sides: int = 16  # of a polygon round what stands besides the map
+
+
+MAPS = MapSettings()
+_EIGHT = np.array([[1, 0], [0, 1], [1, 1], [1, -1]])  # half of the neighbours of a cell: the others see them
+
+
+class MapRoutes:
+    """Free cells of a map for a disc, and routes over them."""
+
+    def __init__(self, scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape] = ()) -> None:
+        self.scenario, self.ground, self.standing = scenario, ground, standing
+        self.radius = MAPS.more * scenario.vehicle.radius
+
+    def route(self) -> Array | None:
+        """Return a polyline from start to goal, (n, 2) m, near to the shortest; None where there is none."""
+        finest = self.ground.resolution
+        pooled = max(1, int(MAPS.fine * self.radius / finest))
+        while True:
+            found = self._route(_pooled(self.ground, pooled))
+            if found is not None or pooled == 1:
+                return found
+            pooled = max(1, pooled // 2)
+
+    def _route(self, coarse: OccupancyMap) -> Array | None:
+        free = ~_dilated(coarse, self.radius)
+        self._without_others(coarse, free)
+        ends = coarse.local([self.scenario.start.position, self.scenario.goal.position])
+        begin, end = (self._free_cell(coarse, free, place) for place in ends)
+        if begin is None or end is None:
+            return None
+        band = _band(free, begin, end)
+        path = None if band is None else _shortest(band, begin, end)
+        if path is None:
+            return None
+        line = np.concatenate([ends[:1], path + 0.5, ends[1:]])
+        return coarse.world(_pulled(line, free))
+
+    def _free_cell(self, coarse: OccupancyMap, free: Mask, place: Array) -> Index | None:
+        """The free cell that is nearest to a place, (column, row), within the vehicle's or the goal's radius."""
+        reach = ceil(max(self.radius, self.scenario.goal.radius) / coarse.resolution) + 1
+        low = np.maximum(np.floor(place).astype(np.intp) - reach, 0)
+        rows, columns = np.nonzero(free[low[1] : low[1] + 2 * reach + 1, low[0] : low[0] + 2 * reach + 1])
+        if len(rows) == 0:
+            return None
+        cells = np.stack([columns, rows], axis=1) + low
+        found: Index = cells[np.argmin(np.hypot(*(cells + 0.5 - place).T))]
+        return found
+
+    def _without_others(self, coarse: OccupancyMap, free: Mask) -> None:
+        """Take the cells out from where the vehicle touches bounds, walls, or what stands."""
+        bounds = self.scenario.bounds
+        if bounds is not None:
+            centre = 0.5 * (np.array(bounds.min) + bounds.max)
+            half = 0.5 * (np.array(bounds.max) - bounds.min) - self.radius
+            _keep(coarse, free, np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), centre, np.tile(half, 2))
+        angles = 2.0 * np.pi * np.arange(MAPS.sides) / MAPS.sides
+        fan = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        for shape in self.standing:
+            heights = shape.support(fan) - fan @ shape.centre + self.radius
+            _take_out(coarse, free, fan, shape.centre, heights)
+
+    def along(self, route: Array) -> list[Array]:
+        """Return convex polygons, (k, 2) m each, without occupied cells, round the legs of a route."""
+        longest = max(MAPS.long * self.radius, float(np.hypot(*np.diff(route, axis=0).T).sum()) / MAPS.most_pieces)
+        found = []
+        for begin, end in pairwise(route):
+            count = ceil(hypot(*(end - begin)) / longest)
+            places = begin + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - begin)
+            found += [self._round(one, other) for one, other in pairwise(places)]
+        return found
+
+    def _round(self, begin: Array, end: Array) -> Array:
+        """Cut the nearest cell off a box round a leg until none is left in it (safe corridors, Liu et al. 2017)."""
+        ground, wide = self.ground, MAPS.wide * self.radius / self.ground.resolution
+        one, other = ground.local([begin, end])
+        along = (other - one) / max(hypot(*(other - one)), 1e-12) if (one != other).any() else np.array([1.0, 0.0])
+        aside = np.array([-along[1], along[0]])
+        corners = [one - wide * along, other + wide * along]
+        polygon = np.array(
+            [corners[0] - wide * aside, corners[1] - wide * aside, corners[1] + wide * aside, corners[0] + wide * aside]
+        )
+        low = np.floor(polygon.min(axis=0)).astype(np.intp)
+        rows, columns = np.nonzero(ground.window(low, np.floor(polygon.max(axis=0)).astype(np.intp)))
+        cells = np.stack([columns, rows], axis=1) + low + 0.5
+        apart, near = _apart(cells, one, other)
+        while len(cells):
+            k = int(np.argmin(np.hypot(*apart.T)))
+            normal = apart[k] / hypot(*apart[k])
+            polygon = _cut(polygon, normal, float(normal @ near[k]))
+            left = cells @ normal - 0.5 * np.abs(normal).sum() < normal @ near[k] - 1e-9
+            left[k] = False
+            cells, apart, near = cells[left], apart[left], near[left]
+        return ground.world(polygon)
+
+
+def _apart(cells: Array, one: Array, other: Array) -> tuple[Array, Array]:
+    """Shortest way (n, 2) from a leg to each cell, by its centre, and where it ends on the cell."""
+    leg = other - one
+    squared = max(float(leg @ leg), 1e-300)
+    best_way, best_end = np.full_like(cells, np.inf), cells.copy()
+    least = np.full(len(cells), np.inf)
+
+    def offer(way: Array, end: Array) -> None:
+        away = np.hypot(*way.T)
+        nearer = away < least
+        least[nearer], best_way[nearer], best_end[nearer] = away[nearer], way[nearer], end[nearer]
+
+    for corner in np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]):
+        end = cells + corner
+        share = np.clip((end - one) @ leg / squared, 0.0, 1.0)
+        offer(end - (one + share[:, None] * leg), end)
+    for place in (one, other):
+        end = np.clip(place, cells - 0.5, cells + 0.5)
+        offer(end - place, end)
+    return best_way, best_end
+
+
+def _cut(polygon: Array, normal: Array, height: float) -> Array:
+    """The part of a convex polygon with normal . x <= height."""
+    over = polygon @ normal - height
+    found = []
+    for k, (here, there) in enumerate(zip(over, np.roll(over, -1), strict=True)):
+        if here <= 0.0:
+            found.append(polygon[k])
+        if here * there < 0.0:
+            found.append(polygon[k] + here / (here - there) * (polygon[(k + 1) % len(polygon)] - polygon[k]))
+    return np.array(found)
+
+
+def _pooled(ground: OccupancyMap, count: int) -> OccupancyMap:
+    """The map with so many cells as one, occupied where one of them is."""
+    if count == 1:
+        return ground
+    rows, columns = ground.occupied.shape
+    padded = np.pad(ground.occupied, ((0, -rows % count), (0, -columns % count)), constant_values=ground.beyond)
+    shape = padded.shape[0] // count, count, padded.shape[1] // count, count
+    pooled: Mask = np.any(padded.reshape(shape), axis=(1, 3))
+    return OccupancyMap(pooled, ground.resolution * count, ground.origin, ground.yaw, ground.beyond)
+
+
+def _dilated(ground: OccupancyMap, radius: float, rows_at_once: int = 512) -> Mask:
+    """Cells whose centre is nearer to an occupied cell than a radius, m."""
+    reach = radius / ground.resolution
+    rows, columns = ground.occupied.shape
+    up = int(reach + 0.5)
+    away = np.maximum(np.abs(np.arange(-up, up + 1)) - 0.5, 0.0)
+    half = [int(sqrt(max(reach**2 - a * a, 0.0)) + 0.5 - 1e-9) if a < reach else -1 for a in away.tolist()]
+    found = np.zeros((rows, columns), dtype=bool)
+    for first in range(0, rows, rows_at_once):
+        last = min(first + rows_at_once, rows)
+        part = np.full((last - first + 2 * up, columns + 2 * up), ground.beyond)
+        low, high = max(first - up, 0), min(last + up, rows)
+        part[low - first + up : high - first + up, up : up + columns] = ground.occupied[low:high]
+        grown, wide = part[:, up : up + columns].copy(), 0
+        for width, shift in sorted((w, k) for k, w in enumerate(half) if w >= 0):
+            while wide < width:
+                wide += 1
+                grown |= part[:, up + wide : up + wide + columns]
+                grown |= part[:, up - wide : up - wide + columns]
+            found[first:last] |= grown[shift : shift + last - first]
+    return found
+
+
+def _keep(coarse: OccupancyMap, free: Mask, normals: Array, centre: Array, heights: Array) -> None:
+    """Leave cells free only where their centres lie in a convex polygon."""
+    rows, columns = free.shape
+    turned = normals @ coarse.rotation * coarse.resolution
+    start = (coarse.world(np.array([0.5, 0.5])) - centre) @ normals.T
+    for k in range(len(normals)):
+        over = start[k] + turned[k, 0] * np.arange(columns)[None] + turned[k, 1] * np.arange(rows)[:, None]
+        free &= over <= heights[k]
+
+
+def _take_out(coarse: OccupancyMap, free: Mask, normals: Array, centre: Array, heights: Array) -> None:
+    """Leave cells free only where their centres lie outside of a convex polygon."""
+    middle, reach = coarse.local(centre), float(heights.max()) / coarse.resolution + 2.0
+    low = np.maximum(np.floor(middle - reach).astype(np.intp), 0)
+    high = np.minimum(np.ceil(middle + reach).astype(np.intp), free.shape[::-1])
+    if (low >= high).any():
+        return
+    inside = np.ones((high[1] - low[1], high[0] - low[0]), dtype=bool)
+    shape = OccupancyMap(inside, coarse.resolution, tuple(coarse.world(low.astype(float))), coarse.yaw)
+    _keep(shape, inside, normals, centre, heights)
+    free[low[1] : high[1], low[0] : high[0]] &= ~inside
+
+
+def _band(free: Mask, begin: Index, end: Index) -> Mask | None:
+    """Free cells in blocks along a route from one cell to another; None where there is none.
+
+    Blocks are cut into parts that hang together, so that every route over parts is one over cells.
+    """
+    from scipy.ndimage import label
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    size = max(1, ceil(sqrt(free.size / MAPS.blocks)))
+    if size == 1:
+        return free
+    across = np.ix_(*(np.arange(count) + np.arange(count) // size for count in free.shape))
+    spaced = np.zeros(tuple(count + (count - 1) // size for count in free.shape), dtype=bool)
+    spaced[across] = free
+    parts, count = label(spaced)
+    middle, pairs = np.zeros((count + 1, 2)), []
+    for axis in (0, 1):
+        whole = parts if axis == 0 else parts.T
+        one, other = whole[size - 1 :: size + 1], whole[size + 1 :: size + 1]
+        one = one[: len(other)]
+        met = (one > 0) & (other > 0)
+        met[:, 1:] &= (one[:, 1:] != one[:, :-1]) | (other[:, 1:] != other[:, :-1]) | ~met[:, :-1]  # once in a row
+        row, column = np.nonzero(met)
+        pairs.append(one[row, column].astype(np.int64) * (count + 1) + other[row, column])
+        for side, found in ((0, one[row, column]), (1, other[row, column])):
+            middle[found] = np.stack([row + side, column // (size + 1)], axis=1)[:, :: 1 - 2 * axis]
+    one, other = np.divmod(np.unique(np.concatenate(pairs)), count + 1)
+    apart = np.hypot(*(middle[one] - middle[other]).T)
+    graph = coo_array((apart, (one, other)), shape=(count + 1, count + 1)).tocsr()
+    first, last = (int(parts[cell[1] + cell[1] // size, cell[0] + cell[0] // size]) for cell in (begin, end))
+    _, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
+    on = np.zeros(count + 1, dtype=bool)
+    while last != first:
+        if last < 0:
+            return None
+        on[last] = True
+        last = int(before[last])
+    on[first] = True
+    near = on.copy()
+    near[one[on[other]]] = near[other[on[one]]] = True
+    near[0] = False
+    band: Mask = near[parts][across]
+    return band
+
+
+def _shortest(free: Mask, begin: Index, end: Index) -> Array | None:
+    """Shortest path over free cells from one to another, by their eight neighbours: (n, 2) columns and rows."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    rows, columns = free.shape
+    cells = np.flatnonzero(free)
+    row, column = np.divmod(cells, columns)
+    edges = []
+    for step in _EIGHT:
+        x, y = column + step[0], row + step[1]
+        inside = (x >= 0) & (x < columns) & (y < rows) & (y >= 0)
+        here = np.flatnonzero(inside)
+        here = here[free[y[here], x[here]]]
+        there = np.searchsorted(cells, y[here] * columns + x[here])
+        edges.append(np.stack([here, there, np.full(len(here), hypot(*step))]))
+    one, other, length = np.concatenate(edges, axis=1)
+    shape = len(cells), len(cells)
+    graph = coo_array((length, (one.astype(np.intp), other.astype(np.intp))), shape=shape).tocsr()
+    first, last = (int(np.searchsorted(cells, cell[1] * columns + cell[0])) for cell in (begin, end))
+    away, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
+    if not np.isfinite(away[last]):
+        return None
+    path = [last]
+    while path[-1] != first:
+        path.append(int(before[path[-1]]))
+    found: Array = np.stack([column[path], row[path]], axis=1)[::-1].astype(float)
+    return found
+
+
+def _pulled(line: Array, free: Mask) -> Array:
+    """A polyline with fewer corners: from each the farthest place, in cells, that is seen over free ones."""
+    kept, here = [0], 0
+    while here < len(line) - 1:
+        low, step = here + 1, 1
+        while low + step < len(line) and _sees(line[here], line[low + step], free):
+            low, step = low + step, 2 * step
+        while step > 1:
+            step //= 2
+            if low + step < len(line) and _sees(line[here], line[low + step], free):
+                low += step
+        kept.append(low)
+        here = low
+    return line[kept]
+
+
+def _sees(one: Array, other: Array, free: Mask) -> bool:
+    """True if a leg lies in free cells; its ends may lie beside them by less than one."""
+    count = int(2.0 * np.abs(other - one).max()) + 2
+    places = one + np.linspace(0.0, 1.0, count + 1)[1:-1, None] * (other - one)
+    cells = np.clip(np.floor(places).astype(np.intp), 0, np.array(free.shape[::-1]) - 1)
+    return bool(free[cells[:, 1], cells[:, 0]].all())

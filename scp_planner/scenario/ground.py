@@ -1,0 +1,102 @@
+"""The ground of a scenario as a map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
+from pydantic_core import PydanticCustomError
+
+from scp_planner.errors import Fault, ScenarioError
+from scp_planner.mathematics.convex_pieces import convex_pieces
+from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.scenario.map_files import GEOJSON, load_map, read_polygons
+from scp_planner.scenario.validation import Part, TakenAs, by_default
+
+
+def _wrong(message: str) -> PydanticCustomError:
+    return PydanticCustomError("ground", "{message}", {"message": message})
+
+
+def _map(value: Any) -> OccupancyMap:
+    if not isinstance(value, OccupancyMap):
+        raise _wrong("must be the name of a file, or an OccupancyMap")
+    return value
+
+
+def _named(ground: OccupancyMap) -> str:
+    if ground.source is None:
+        raise ScenarioError(
+            "scenario", [Fault("ground.map", ground, "is in no file: save_map(map, path) makes one, load_map reads it")]
+        )
+    return ground.source
+
+
+Map = Annotated[
+    OccupancyMap,
+    PlainValidator(_map),
+    PlainSerializer(_named, return_type=str),
+    WithJsonSchema({"type": "string"}),
+]
+
+
+class Ground(Part):
+    """Occupied cells of the ground: no disc of the vehicle touches one."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    map: TakenAs[Map, OccupancyMap | str | PathLike[str]] = Field(
+        description="name of a map's YAML file as map_server of ROS writes it; in a scenario file relative to that, and"
+        " there also of a GeoJSON file of polygons in m, which become walls"
+    )
+    unknown: TakenAs[Literal["occupied", "free"], str] = by_default(
+        "occupied", description="what unknown cells, and what lies beyond the map, count as: occupied or free"
+    )
+    sha256: str | None = Field(
+        default=None, description="digest of the cells that the scenario was made for; null: any will do"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, data: Any) -> Any:
+        """Read the map of a name; what is faulty is left to the checks."""
+        name = data.get("map") if isinstance(data, Mapping) else None
+        if not isinstance(name, (str, PathLike)):
+            return data
+        unknown = data.get("unknown", "occupied")
+        try:
+            ground = load_map(name, unknown if unknown in ("occupied", "free") else "occupied")
+        except OSError as error:
+            raise _wrong(
+                f"map: {fspath(name)!r} must be the name of a file that can be read ({error.strerror})"
+            ) from None
+        wanted = data.get("sha256")
+        if wanted is not None and wanted != ground.sha256:
+            raise _wrong(f"map: {fspath(name)!r} has changed: its cells are not those that the scenario was made for")
+        return {**data, "map": ground}
+
+
+def read_ground(data: Any, folder: Path) -> list[Fault]:
+    """Name the map of a scenario file by its whole path; polygons of a GeoJSON file go to the walls."""
+    ground = data.get("ground") if isinstance(data, dict) else None
+    name = ground.get("map") if isinstance(ground, dict) else None
+    if not isinstance(ground, dict) or not isinstance(name, str):
+        return []
+    path = folder / name
+    if path.suffix.lower() not in GEOJSON:
+        ground["map"] = str(path)
+        return []
+    del data["ground"]
+    try:
+        rings = read_polygons(path)
+        pieces = [piece.vertices for ring in rings for piece in convex_pieces(tuple((x, y) for x, y in ring))]
+    except OSError as error:
+        return [Fault("ground.map", name, f"must be the name of a file that can be read ({error.strerror})")]
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        text = str(error) if isinstance(error, ValueError) else "must be GeoJSON with polygons of [x, y] in m"
+        return [Fault("ground.map", name, text)]
+    data["walls"] = [*(data.get("walls") or []), *(piece.tolist() for piece in pieces if piece is not None)]
+    return []

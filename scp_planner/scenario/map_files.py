@@ -1,0 +1,253 @@
+"""Maps from files: grids as ROS writes them, with their PGM or PNG picture, and polygons in GeoJSON."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scp_planner import files
+from scp_planner.arrays import Mask
+from scp_planner.errors import MISSING, Fault, ScenarioError
+from scp_planner.mathematics.occupancy import OccupancyMap
+
+MODES = ("trinary", "scale", "raw")
+UNKNOWN = ("occupied", "free")
+GEOJSON = (".geojson", ".json")
+
+
+def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyMap:
+    """Read a map as ``map_server`` of ROS writes it.
+
+    Parameters
+    ----------
+    path
+        A YAML file with ``image`` (PGM or PNG), ``resolution``, m, ``origin``, [x, y, yaw], and optionally ``negate``,
+        ``occupied_thresh``, ``free_thresh`` and ``mode``.
+    unknown : {"occupied", "free"}
+        What cells between the thresholds, and what lies beyond the picture, count as.
+
+    Returns
+    -------
+    OccupancyMap
+
+    Raises
+    ------
+    ScenarioError
+        With every fault of the file, or what is wrong with its picture.
+    OSError
+        If a file cannot be read.
+    """
+    if unknown not in UNKNOWN:
+        raise ValueError(f"unknown: {unknown!r} must be one of {', '.join(UNKNOWN)}")
+    data, faults = files.read(path)
+    data = data or {}
+    faults = [*faults, *_faults_of(data)]
+    if faults:
+        raise ScenarioError(str(path), faults)
+    picture = Path(path).parent / data["image"]
+    try:
+        values, largest = read_picture(picture.read_bytes())
+    except ValueError as error:
+        raise ScenarioError(str(path), [Fault("image", data["image"], str(error))]) from None
+    x, y, yaw = (float(value) for value in data["origin"])
+    occupied = _occupied(np.flipud(values), largest, data, unknown == "occupied")
+    return OccupancyMap(occupied, float(data["resolution"]), (x, y), yaw, unknown == "occupied", str(path))
+
+
+def save_map(ground: OccupancyMap, path: str | PathLike[str]) -> None:
+    """Write a map as a YAML file and a PGM picture beside it, as ``map_server`` of ROS reads them.
+
+    Parameters
+    ----------
+    ground : OccupancyMap
+    path
+        A file whose name ends in .yaml or .yml; the picture's ends in .pgm.
+    """
+    picture = Path(path).with_suffix(".pgm")
+    rows, columns = ground.occupied.shape
+    cells = np.where(np.flipud(ground.occupied), 0, 254).astype(np.uint8)
+    picture.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + cells.tobytes())
+    origin = [*ground.origin, ground.yaw]
+    thresholds = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25}
+    files.write(path, {"image": picture.name, "resolution": ground.resolution, "origin": origin, **thresholds})
+
+
+def _faults_of(data: dict[str, Any]) -> Iterator[Fault]:
+    """Yield the faults of the keys of a map."""
+    if not isinstance(data.get("image"), str):
+        yield Fault("image", data.get("image", MISSING), "must be the name of a PGM or PNG file")
+    if not _is_number(data.get("resolution")) or not data["resolution"] > 0.0:
+        yield Fault("resolution", data.get("resolution", MISSING), "must be a positive number of m")
+    origin = data.get("origin", MISSING)
+    if not (isinstance(origin, list) and len(origin) == 3 and all(map(_is_number, origin))):
+        yield Fault("origin", origin, "must be [x, y, yaw], m and rad")
+    for key in ("occupied_thresh", "free_thresh"):
+        if key in data and not (_is_number(data[key]) and 0.0 <= data[key] <= 1.0):
+            yield Fault(key, data[key], "must be from 0 to 1")
+    if data.get("mode", MODES[0]) not in MODES:
+        yield Fault("mode", data["mode"], f"must be one of {', '.join(MODES)}")
+    if data.get("negate", 0) not in (0, 1):
+        yield Fault("negate", data["negate"], "must be 0 or 1")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _occupied(values: np.ndarray, largest: int, data: dict[str, Any], unknown: bool) -> Mask:
+    """Cells that are occupied, by the grey values of a picture from 0 to the largest."""
+    steps = np.arange(largest + 1)
+    if data.get("mode") == "raw":  # percent; what is beyond 100 is unknown
+        chance = np.where(steps <= 100, steps / 100.0, np.nan)
+    else:
+        chance = steps / largest if data.get("negate", 0) else (largest - steps) / largest
+    certain, free = chance > data.get("occupied_thresh", 0.65), chance < data.get("free_thresh", 0.25)
+    table = certain | (~free if unknown else np.zeros_like(free))
+    found: Mask = table[values]
+    return found
+
+
+def read_picture(raw: bytes) -> tuple[np.ndarray, int]:
+    """Return the grey values (rows, columns) of a PGM or PNG picture, the highest row first, and the largest one.
+
+    Colours are averaged. ValueError says what a picture is that cannot be read.
+    """
+    if raw.startswith(b"\x89PNG\r\n\x1a\n"):
+        return _png(raw)
+    if raw[:2] in (b"P5", b"P2"):
+        return _pgm(raw)
+    raise ValueError("must be a PGM (P2 or P5) or PNG picture")
+
+
+def _pgm(raw: bytes) -> tuple[np.ndarray, int]:
+    numbers: list[int] = []
+    place = 2
+    while len(numbers) < 3:
+        while place < len(raw) and raw[place : place + 1].isspace():
+            place += 1
+        if raw[place : place + 1] == b"#":
+            place = raw.find(b"\n", place) + 1 or len(raw)
+            continue
+        end = place
+        while end < len(raw) and raw[end : end + 1].isdigit():
+            end += 1
+        if end == place:
+            raise ValueError("must begin with its width, height and largest value")
+        numbers.append(int(raw[place:end]))
+        place = end
+    width, height, largest = numbers
+    if not (width > 0 and height > 0 and 0 < largest < 65536):
+        raise ValueError(f"must have a width, a height and a largest value below 65536, not {numbers}")
+    kind = np.dtype(np.uint8 if largest < 256 else ">u2")
+    if raw[:2] == b"P2":
+        values = np.array(raw[place:].split(), dtype=np.int64)
+    else:
+        values = np.frombuffer(raw, kind, min(width * height, (len(raw) - place - 1) // kind.itemsize), place + 1)
+    if len(values) < width * height:
+        raise ValueError(f"must have {width} x {height} values, not {len(values)}")
+    values = values[: width * height].reshape(height, width)
+    if values.max() > largest:
+        raise ValueError(f"must have no value above {largest}, its largest one")
+    return values, largest
+
+
+def _png(raw: bytes) -> tuple[np.ndarray, int]:
+    place, packed, header = 8, [], None
+    while place + 8 <= len(raw):
+        (length,) = struct.unpack(">I", raw[place : place + 4])
+        kind, body = raw[place + 4 : place + 8], raw[place + 8 : place + 8 + length]
+        if kind == b"IHDR":
+            header = struct.unpack(">IIBBBBB", body)
+        elif kind == b"IDAT":
+            packed.append(body)
+        place += 12 + length
+    if header is None:
+        raise ValueError("must be a whole PNG picture")
+    width, height, depth, colour, _, _, interlaced = header
+    channels = {0: 1, 2: 3, 4: 2, 6: 4}.get(colour)  # grey, red to blue, both with transparency
+    if depth not in (8, 16) or channels is None or interlaced:
+        raise ValueError("must be a PNG picture of 8 or 16 bits, grey or in colours without a palette, not interlaced")
+    try:
+        lines = np.frombuffer(zlib.decompress(b"".join(packed)), np.uint8)
+        lines = lines.reshape(height, 1 + width * channels * depth // 8)
+    except (zlib.error, ValueError):
+        raise ValueError("must be a whole PNG picture") from None
+    values = _unfiltered(lines[:, 0], lines[:, 1:].copy(), channels * depth // 8)
+    if depth == 16:
+        values = values.view(">u2")
+    values = values.reshape(height, width, channels)
+    if channels > 2:
+        values = values[:, :, :3].mean(axis=2).astype(np.int64)[:, :, None]  # without the transparency
+    return values[:, :, 0], 2**depth - 1
+
+
+def _unfiltered(kinds: np.ndarray, lines: np.ndarray, pixel: int) -> np.ndarray:
+    """Undo the filters of a PNG's lines, (rows, bytes), a byte from that a pixel before and those above."""
+    rows, count = lines.shape
+    if (kinds > 4).any():
+        raise ValueError("must be a whole PNG picture")
+    if (kinds <= 2).all():
+        for row, kind in enumerate(kinds.tolist()):
+            if kind == 1:
+                line = lines[row].reshape(-1, pixel)
+                lines[row] = np.cumsum(line, axis=0, dtype=np.uint8).ravel()
+            elif kind == 2 and row:
+                lines[row] += lines[row - 1]
+        return lines
+    wide = np.zeros((rows + 1, count // pixel + 1, pixel), dtype=np.int16)  # nothing above, nothing to the left
+    wide[1:, 1:] = lines.reshape(rows, -1, pixel)
+    columns = count // pixel
+    for diagonal in range(rows + columns - 1):  # each byte of one depends on those before alone
+        row = np.arange(max(0, diagonal - columns + 1), min(diagonal, rows - 1) + 1)
+        column, kind = diagonal - row, kinds[row][:, None]
+        left, above = wide[row + 1, column], wide[row, column + 1]
+        corner = wide[row, column]
+        by = np.abs(above - corner), np.abs(left - corner), np.abs(left + above - 2 * corner)
+        nearest = np.where((by[0] <= by[1]) & (by[0] <= by[2]), left, np.where(by[1] <= by[2], above, corner))
+        more = np.select([kind == 1, kind == 2, kind == 3, kind == 4], [left, above, (left + above) // 2, nearest], 0)
+        wide[row + 1, column + 1] = (wide[row + 1, column + 1] + more) % 256
+    return wide[1:, 1:].astype(np.uint8).reshape(rows, count)
+
+
+def read_polygons(path: Path) -> list[list[list[float]]]:
+    """Return the outer rings of the polygons of a GeoJSON file in metres, without their repeated last point.
+
+    ValueError says what is in it that cannot be used.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+    except ValueError:
+        raise ValueError("must be GeoJSON") from None
+    rings: list[list[list[float]]] = []
+    for geometry in _geometries(data):
+        kind = geometry.get("type")
+        if kind not in ("Polygon", "MultiPolygon"):
+            raise ValueError(f"must hold polygons alone, not {kind!r}")
+        for polygon in [geometry["coordinates"]] if kind == "Polygon" else geometry["coordinates"]:
+            if len(polygon) > 1:
+                raise ValueError("must hold polygons without holes: cut them along a line")
+            ring = [[float(x), float(y)] for x, y, *_ in polygon[0]]
+            rings.append(ring[:-1] if ring[0] == ring[-1] else ring)
+    return rings
+
+
+def _geometries(data: Any) -> Iterator[dict[str, Any]]:
+    kind = data.get("type") if isinstance(data, dict) else None
+    if kind == "FeatureCollection":
+        for feature in data["features"]:
+            yield from _geometries(feature)
+    elif kind == "GeometryCollection":
+        yield from data["geometries"]
+    elif kind == "Feature":
+        yield data["geometry"]
+    elif kind is not None:
+        yield data
+    else:
+        raise ValueError("must be GeoJSON, an object with a type")
