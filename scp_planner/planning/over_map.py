@@ -14,7 +14,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.routes.outlines import StandingShape, standing_shapes
-from scp_planner.routes.over_map import MapRoutes
+from scp_planner.routes.over_map import MAPS, MapRoutes
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -41,11 +41,14 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         return found if found.certified else told
     pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in routes.along(route))
     within = bare.model_copy(update={"corridor": pieces})
-    found = _certified(scenario, plan(within, _left(began, time_limit)))
-    if not found.certified and scenario.guide is None and len(route) > 2:
+    found = None
+    if scenario.guide is not None or len(pieces) <= MAPS.most_open:
+        found = _certified(scenario, plan(within, _left(began, time_limit)))
+    if scenario.guide is None and (found is None or not found.certified):
         line = np.concatenate([[scenario.start.position], route[1:-1], [scenario.goal.position]])
         along = within.model_copy(update={"guide": line.tolist()})
         found = _certified(scenario, plan(along, _left(began, time_limit)))
+    assert found is not None
     return replace(found, wall_time=perf_counter() - began)
 
 

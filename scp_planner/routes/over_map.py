@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, hypot, sqrt
+from math import ceil, cos, hypot, sin, sqrt
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from scp_planner.scenario.models import Scenario
 class MapSettings:
     """Fineness of routes over maps, and how wide the ground along them is."""
 
-    fine: float = 0.25  # of the vehicle's radius: cells may be so large for routes; finer where there is none
+    fine: float = 0.5  # of the vehicle's radius: cells may be so large for routes; finer where there is none
+    many: int = 9_000_000  # cells: with no more than these, routes are looked for over the map's own cells
     blocks: int = 250_000  # of cells, among which a route is looked for first
     wide: float = 12.0  # radii to each side, that the ground along a route is at most wide
     long: float = 8.0  # radii, of a piece of ground along its route at most
     most_pieces: int = 40  # of a route; of longer ones each is longer
+    most_open: int = 60  # pieces, in which the trip finds its own guide; through more of them the route is its guide
     more: float = 1.001  # of the radius, that a route keeps from occupied cells
     sides: int = 16  # of a polygon round what stands besides the map
 
@@ -41,8 +43,8 @@ class MapRoutes:
 
     def route(self) -> Array | None:
         """Return a polyline from start to goal, (n, 2) m, near to the shortest; None where there is none."""
-        finest = self.ground.resolution
-        pooled = max(1, int(MAPS.fine * self.radius / finest))
+        wanted = ceil(sqrt(self.ground.occupied.size / MAPS.many))
+        pooled = max(1, min(int(MAPS.fine * self.radius / self.ground.resolution), wanted))
         while True:
             found = self._route(_pooled(self.ground, pooled))
             if found is not None or pooled == 1:
@@ -95,6 +97,11 @@ class MapRoutes:
             count = ceil(hypot(*(end - begin)) / longest)
             places = begin + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - begin)
             found += [self._round(one, other) for one, other in pairwise(places)]
+        start = self.scenario.start
+        for disc in self.scenario.vehicle.discs:
+            if disc and start.heading is not None:
+                place = np.array(start.position) + disc * np.array([cos(start.heading), sin(start.heading)])
+                found.append(self._round(place, place))
         return found
 
     def _round(self, begin: Array, end: Array) -> Array:
@@ -110,37 +117,31 @@ class MapRoutes:
         low = np.floor(polygon.min(axis=0)).astype(np.intp)
         rows, columns = np.nonzero(ground.window(low, np.floor(polygon.max(axis=0)).astype(np.intp)))
         cells = np.stack([columns, rows], axis=1) + low + 0.5
-        apart, near = _apart(cells, one, other)
+        apart = _apart(cells, one, other)
         while len(cells):
             k = int(np.argmin(np.hypot(*apart.T)))
-            normal = apart[k] / hypot(*apart[k])
-            polygon = _cut(polygon, normal, float(normal @ near[k]))
-            left = cells @ normal - 0.5 * np.abs(normal).sum() < normal @ near[k] - 1e-9
+            way = apart[k] if apart[k].any() else cells[k] - 0.5 * (one + other)  # a leg that touches the cell
+            normal = way / max(hypot(*way), 1e-12)
+            lowest = cells @ normal - 0.5 * np.abs(normal).sum()
+            polygon = _cut(polygon, normal, float(lowest[k]))
+            left = lowest < lowest[k] - 1e-9
             left[k] = False
-            cells, apart, near = cells[left], apart[left], near[left]
+            cells, apart = cells[left], apart[left]
         return ground.world(polygon)
 
 
-def _apart(cells: Array, one: Array, other: Array) -> tuple[Array, Array]:
-    """Shortest way (n, 2) from a leg to each cell, by its centre, and where it ends on the cell."""
+def _apart(cells: Array, one: Array, other: Array) -> Array:
+    """Shortest way (n, 2) from a leg to each cell, by its centre."""
     leg = other - one
     squared = max(float(leg @ leg), 1e-300)
-    best_way, best_end = np.full_like(cells, np.inf), cells.copy()
-    least = np.full(len(cells), np.inf)
-
-    def offer(way: Array, end: Array) -> None:
-        away = np.hypot(*way.T)
-        nearer = away < least
-        least[nearer], best_way[nearer], best_end[nearer] = away[nearer], way[nearer], end[nearer]
-
+    ways = [np.clip(place, cells - 0.5, cells + 0.5) - place for place in (one, other)]
     for corner in np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]):
-        end = cells + corner
-        share = np.clip((end - one) @ leg / squared, 0.0, 1.0)
-        offer(end - (one + share[:, None] * leg), end)
-    for place in (one, other):
-        end = np.clip(place, cells - 0.5, cells + 0.5)
-        offer(end - place, end)
-    return best_way, best_end
+        away = cells + corner - one
+        ways.append(away - np.clip(away @ leg / squared, 0.0, 1.0)[:, None] * leg)
+    every = np.stack(ways)
+    nearest = np.argmin((every**2).sum(axis=2), axis=0)
+    found: Array = every[nearest, np.arange(len(cells))]
+    return found
 
 
 def _cut(polygon: Array, normal: Array, height: float) -> Array:

@@ -56,7 +56,8 @@ class Ground(Part):
         "occupied", description="what unknown cells, and what lies beyond the map, count as: occupied or free"
     )
     sha256: str | None = Field(
-        default=None, description="digest of the cells that the scenario was made for; null: any will do"
+        default=None,
+        description="digest of the cells that the scenario was made for: others are refused; null: any will do",
     )
 
     @model_validator(mode="before")
@@ -76,7 +77,7 @@ class Ground(Part):
         wanted = data.get("sha256")
         if wanted is not None and wanted != ground.sha256:
             raise _wrong(f"map: {fspath(name)!r} has changed: its cells are not those that the scenario was made for")
-        return {**data, "map": ground}
+        return {**data, "map": ground, "sha256": ground.sha256}
 
 
 def read_ground(data: Any, folder: Path) -> list[Fault]:

@@ -58,7 +58,9 @@ def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyM
         raise ScenarioError(str(path), [Fault("image", data["image"], str(error))]) from None
     x, y, yaw = (float(value) for value in data["origin"])
     occupied = _occupied(np.flipud(values), largest, data, unknown == "occupied")
-    return OccupancyMap(occupied, float(data["resolution"]), (x, y), yaw, unknown == "occupied", str(path))
+    return OccupancyMap(
+        occupied, float(data["resolution"]), (x, y), yaw, unknown == "occupied", str(Path(path).absolute())
+    )
 
 
 def save_map(ground: OccupancyMap, path: str | PathLike[str]) -> None:
@@ -146,6 +148,7 @@ def _pgm(raw: bytes) -> tuple[np.ndarray, int]:
     if not (width > 0 and height > 0 and 0 < largest < 65536):
         raise ValueError(f"must have a width, a height and a largest value below 65536, not {numbers}")
     kind = np.dtype(np.uint8 if largest < 256 else ">u2")
+    values: np.ndarray
     if raw[:2] == b"P2":
         values = np.array(raw[place:].split(), dtype=np.int64)
     else:
@@ -194,12 +197,11 @@ def _unfiltered(kinds: np.ndarray, lines: np.ndarray, pixel: int) -> np.ndarray:
     if (kinds > 4).any():
         raise ValueError("must be a whole PNG picture")
     if (kinds <= 2).all():
-        for row, kind in enumerate(kinds.tolist()):
-            if kind == 1:
-                line = lines[row].reshape(-1, pixel)
-                lines[row] = np.cumsum(line, axis=0, dtype=np.uint8).ravel()
-            elif kind == 2 and row:
-                lines[row] += lines[row - 1]
+        for k, way in enumerate(kinds.tolist()):
+            if way == 1:
+                lines[k] = np.cumsum(lines[k].reshape(-1, pixel), axis=0, dtype=np.uint8).ravel()
+            elif way == 2 and k:
+                lines[k] += lines[k - 1]
         return lines
     wide = np.zeros((rows + 1, count // pixel + 1, pixel), dtype=np.int16)  # nothing above, nothing to the left
     wide[1:, 1:] = lines.reshape(rows, -1, pixel)

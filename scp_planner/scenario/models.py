@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from os import PathLike
+from os.path import relpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -436,7 +437,10 @@ class Scenario(Part):
         path
             A file whose name ends in .yaml, .yml or .json. It is replaced as a whole or not at all.
         """
-        files.write(path, self.to_dict())
+        data = self.to_dict()
+        if self.ground is not None:
+            data["ground"]["map"] = relpath(data["ground"]["map"], Path(path).parent)
+        files.write(path, data)
 
     def to_dict(self) -> dict[str, Any]:
         """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
