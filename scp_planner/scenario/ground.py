@@ -28,11 +28,7 @@ def _map(value: Any) -> OccupancyMap:
 
 
 def _named(ground: OccupancyMap) -> str:
-    if ground.source is None:
-        raise ScenarioError(
-            "scenario", [Fault("ground.map", ground, "is in no file: save_map(map, path) makes one, load_map reads it")]
-        )
-    return ground.source
+    return ground.source or repr(ground)
 
 
 Map = Annotated[
@@ -59,6 +55,12 @@ class Ground(Part):
         default=None,
         description="digest of the cells that the scenario was made for: others are refused; null: any will do",
     )
+
+    def check_file(self) -> None:
+        """Raise a ScenarioError if the map is in no file that a scenario's file could name."""
+        if self.map.source is None:
+            text = "is in no file: save_map(map, path) makes one, which load_map reads"
+            raise ScenarioError("scenario", [Fault("ground.map", self.map, text)])
 
     @model_validator(mode="before")
     @classmethod

@@ -444,6 +444,8 @@ class Scenario(Part):
 
     def to_dict(self) -> dict[str, Any]:
         """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
+        if self.ground is not None:
+            self.ground.check_file()
         data = self.model_dump(mode="json", by_alias=True)
         for obstacle in data["obstacles"]:
             # An obstacle has one of these; the file need not say that the others are null.

@@ -1,0 +1,201 @@
+"""Maps of the ground: files of ROS and GeoJSON, scenarios over them, and trips that never touch a cell."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from shapely import MultiPolygon, Point, box
+from shapely.affinity import affine_transform
+
+import scp_planner as sp
+from scp_planner.scenario.map_files import read_picture
+
+VEHICLE = {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "max_curvature": 2.0}
+
+
+def room() -> np.ndarray[Any, Any]:
+    """Eight by six metres with two walls, each with a door, at 0.1 m."""
+    cells = np.zeros((60, 80), dtype=bool)
+    cells[:, 25:28] = cells[:, 52:55] = True
+    cells[8:20, 25:28] = cells[40:52, 52:55] = False
+    return cells
+
+
+def over(ground: Any, ends: tuple[Any, Any], **more: Any) -> sp.Scenario:
+    start = {"time": 0.0, "position": ends[0], "speed": 0.0, **more.pop("start", {})}
+    vehicle = {**VEHICLE, **more.pop("vehicle", {})}
+    return sp.Scenario(
+        **{"vehicle": vehicle, "start": start, "goal": {"position": ends[1]}, "obstacles": [], "ground": ground, **more}
+    )
+
+
+def ends_in(ground: sp.OccupancyMap) -> tuple[Any, Any]:
+    return ground.world(np.array([10.0, 40.0])).tolist(), ground.world(np.array([70.0, 15.0])).tolist()
+
+
+def png(values: np.ndarray[Any, Any], kinds: list[int]) -> bytes:
+    """A PNG of (rows, columns, channels), whose lines have filters."""
+    rows, columns, channels = values.shape
+    pixel = channels * values.dtype.itemsize
+    raw = values.astype(values.dtype.newbyteorder(">")).view(np.uint8).reshape(rows, -1).astype(int)
+    above = np.vstack([np.zeros_like(raw[:1]), raw[:-1]])
+    left = np.hstack([np.zeros((rows, pixel), dtype=int), raw[:, :-pixel]])
+    corner = np.hstack([np.zeros((rows, pixel), dtype=int), above[:, :-pixel]])
+    packed = b""
+    for k in range(rows):
+        kind = kinds[k % len(kinds)]
+        guess = left[k] + above[k] - corner[k]
+        away = np.abs([guess - left[k], guess - above[k], guess - corner[k]])
+        paeth = np.choose(np.argmin(away, axis=0), [left[k], above[k], corner[k]])
+        less = [0, left[k], above[k], (left[k] + above[k]) // 2, paeth][kind]
+        packed += bytes([kind]) + ((raw[k] - less) % 256).astype(np.uint8).tobytes()
+    colour = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    header = struct.pack(">IIBBBBB", columns, rows, 8 * values.dtype.itemsize, colour, 0, 0, 0)
+    found = b"\x89PNG\r\n\x1a\n"
+    for name, body in ((b"IHDR", header), (b"IDAT", zlib.compress(packed)), (b"IEND", b"")):
+        found += struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    return found
+
+
+@pytest.mark.parametrize("kinds", [[0], [1, 2], [4, 3, 1, 2, 0]])
+@pytest.mark.parametrize(("kind", "channels"), [(np.uint8, 1), (np.uint16, 1), (np.uint8, 2), (np.uint8, 3)])
+def test_pictures_are_read(kind: type, channels: int, kinds: list[int]) -> None:
+    rng = np.random.default_rng(3)
+    values = np.repeat(rng.integers(0, np.iinfo(kind).max + 1, (9, 7, 1), dtype=kind), channels, axis=2)
+    read, largest = read_picture(png(values, kinds))
+    assert largest == np.iinfo(kind).max
+    assert np.array_equal(read, values[:, :, 0])
+    if channels == 1:
+        body = values.astype(values.dtype.newbyteorder(">")).tobytes()
+        assert np.array_equal(read_picture(b"P5 # a\n7 9\n%d\n" % largest + body)[0], read)
+        text = " ".join(map(str, values.ravel().tolist()))
+        assert np.array_equal(read_picture(f"P2\n7 9 {largest}\n{text}".encode())[0], read)
+
+
+@pytest.mark.parametrize(
+    ("raw", "told"),
+    [
+        (b"GIF89a", "must be a PGM"),
+        (b"P5\n2 2\n255\nab", "2 x 2 values"),
+        (b"P5\n2 x", "must begin with"),
+        (b"\x89PNG\r\n\x1a\nxx", "whole PNG"),
+    ],
+)
+def test_a_picture_that_cannot_be_read_is_told(raw: bytes, told: str, tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_bytes(raw)
+    (tmp_path / "a.yaml").write_text("{image: a.pgm, resolution: 0.1, origin: [0, 0, 0]}")
+    with pytest.raises(sp.ScenarioError, match=told):
+        sp.load_map(tmp_path / "a.yaml")
+
+
+def test_thresholds_and_modes(tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_bytes(b"P5\n4 1\n255\n" + bytes([0, 100, 205, 254]))
+
+    def read(unknown: str = "occupied", **keys: Any) -> list[bool]:
+        keys = {"image": "a.pgm", "resolution": 0.1, "origin": [0, 0, 0], **keys}
+        (tmp_path / "a.yaml").write_text(json.dumps(keys))
+        cells: list[bool] = sp.load_map(tmp_path / "a.yaml", unknown).occupied[0].tolist()
+        return cells
+
+    limits = {"occupied_thresh": 0.65, "free_thresh": 0.196}
+    assert read(**limits) == [True, True, True, False]
+    assert read("free", **limits) == [True, False, False, False]
+    assert read("free", **limits, negate=1) == [False, False, True, True]
+    assert read(**limits, mode="raw") == [False, True, True, True]
+    assert read("free", **limits, mode="raw") == [False, True, False, False]
+    with pytest.raises(sp.ScenarioError, match=r"(?s)resolution.*origin.*mode"):
+        read(resolution=0, origin=[1], mode="x")
+
+
+def test_a_scenario_names_its_map_and_notices_another(tmp_path: Path) -> None:
+    ground = sp.OccupancyMap(room(), 0.1, (1.0, -2.0), 0.3)
+    start, goal = ends_in(ground)
+    sp.save_map(ground, tmp_path / "map.yaml")
+    (tmp_path / "deep").mkdir()
+    given = over({"map": tmp_path / "map.yaml"}, (start, goal))
+    assert given.ground is not None
+    assert given.ground.map == ground
+    given.save(tmp_path / "deep" / "scene.yaml")
+    assert "map: ../map.yaml" in (tmp_path / "deep" / "scene.yaml").read_text()
+    assert sp.Scenario.load(tmp_path / "deep" / "scene.yaml") == given
+    cells = room()
+    cells[0, 0] = True
+    sp.save_map(sp.OccupancyMap(cells, 0.1, (1.0, -2.0), 0.3), tmp_path / "map.yaml")
+    with pytest.raises(sp.ScenarioError, match="has changed"):
+        sp.Scenario.load(tmp_path / "deep" / "scene.yaml")
+    with pytest.raises(sp.ScenarioError, match="in no file"):
+        over({"map": ground}, (start, goal)).to_dict()
+    with pytest.raises(sp.ScenarioError, match="can be read"):
+        over({"map": "missing.yaml"}, (start, goal))
+    with pytest.raises(sp.ScenarioError, match=r"goal.position.*from occupied cells"):
+        over({"map": ground}, (start, ground.world(np.array([26.0, 40.0])).tolist()))
+
+
+def test_polygons_become_walls(tmp_path: Path) -> None:
+    ring = [[4.0, -9.0], [5.0, -9.0], [5.0, 3.0], [8.0, 3.0], [8.0, 4.0], [4.0, 4.0], [4.0, -9.0]]
+    site = {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    (tmp_path / "site.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [site]}))
+    data = over(None, ([0.0, 0.0], [9.0, 0.0])).to_dict()
+    (tmp_path / "scene.json").write_text(json.dumps({**data, "ground": {"map": "site.geojson"}}))
+    read = sp.Scenario.load(tmp_path / "scene.json")
+    assert MultiPolygon([(wall, []) for wall in read.walls]).area == pytest.approx(13.0 + 3.0)
+    site["geometry"] = {"type": "Point", "coordinates": [0, 0]}
+    (tmp_path / "site.geojson").write_text(json.dumps(site))
+    with pytest.raises(sp.ScenarioError, match="polygons alone"):
+        sp.Scenario.load(tmp_path / "scene.json")
+
+
+@pytest.mark.parametrize("discs", [[0.0], [0.0, 0.5]])
+def test_a_trip_over_a_map_touches_no_cell(discs: list[float]) -> None:
+    ground = sp.OccupancyMap(room(), 0.1, (1.0, -2.0), 0.3)
+    start = {"heading": 0.3} if len(discs) > 1 else {}
+    walker = {"id": "walker", "shape": {"disc": 0.3}, "motion": {"position": [5.0, 3.0], "velocity": [0.2, -0.6]}}
+    scenario = over(
+        {"map": ground},
+        ends_in(ground),
+        vehicle={"discs": discs},
+        start=start,
+        obstacles=[walker],
+        goal={"position": ends_in(ground)[1], "radius": 0.1},
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert sp.certify(scenario, plan).holds
+    rows, columns = np.nonzero(room())
+    squares = MultiPolygon([box(x, y, x + 1, y + 1) for x, y in zip(columns, rows, strict=True)]).buffer(0)
+    c, s = 0.1 * np.cos(0.3), 0.1 * np.sin(0.3)
+    cells = affine_transform(squares, [c, -s, s, c, 1.0, -2.0])
+    time = np.linspace(0.0, plan.travel_time, 150)
+    heading = plan.heading(time)
+    apart = min(
+        cells.distance(Point(place)) - 0.3
+        for disc in discs
+        for place in plan.position(time) + disc * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    )
+    assert plan.clearance.minimum <= apart + 1e-9
+    assert apart >= 0.0
+    # The same trip where a cell is on its way
+    x, y = np.floor(ground.local(plan.position(0.5 * plan.travel_time))).astype(int)
+    blocked = room()
+    blocked[y, x] = True
+    other = scenario.model_copy(update={"ground": sp.Ground(map=sp.OccupancyMap(blocked, 0.1, (1.0, -2.0), 0.3))})
+    found = sp.certify(other, plan)
+    assert not found.holds
+    assert found.violations[0].obstacle == "map"
+
+
+def test_a_door_that_is_too_narrow_is_told() -> None:
+    cells = room()
+    cells[8:20, 25:28] = True
+    cells[10:15, 25:28] = False
+    ground = sp.OccupancyMap(cells, 0.1)
+    plan = sp.plan(over({"map": ground}, ends_in(ground)))
+    assert not plan.certified
+    assert plan.reason is not None
+    assert "the widest passage is about 0.5 m wide, 0.1 m less than it takes" in plan.reason
