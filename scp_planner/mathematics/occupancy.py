@@ -33,6 +33,19 @@ class OccupancyMap:
         Direction of the rows, rad, counterclockwise from the x axis.
     beyond : bool
         Whether what lies beyond the grid is occupied.
+    source : str or None
+        File that the map was read from.
+
+    Attributes
+    ----------
+    resolution : float
+        Edge of a cell, m.
+    yaw : float
+        Direction of the rows, rad.
+    beyond : bool
+        Whether what lies beyond the grid is occupied.
+    source : str or None
+        File that the map was read from.
 
     Raises
     ------
@@ -45,7 +58,7 @@ class OccupancyMap:
     origin: Point = (0.0, 0.0)
     yaw: float = 0.0
     beyond: bool = True
-    source: str | None = field(default=None, repr=False)  # the file that it was read from
+    source: str | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.occupied)
@@ -84,7 +97,7 @@ class OccupancyMap:
 
     @property
     def rotation(self) -> Array:
-        """(2, 2) matrix that turns directions of the grid into those of the world."""
+        """(2, 2) matrix, 1, that turns directions of the grid into those of the world."""
         return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
 
     def local(self, points: ArrayLike) -> Array:

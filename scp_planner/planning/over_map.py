@@ -41,15 +41,15 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         return found if found.certified else told
     pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in routes.along(route))
     within = bare.model_copy(update={"corridor": pieces})
-    found = None
+    tried: Plan | None = None
     if scenario.guide is not None or len(pieces) <= MAPS.most_open:
-        found = _certified(scenario, plan(within, _left(began, time_limit)))
-    if scenario.guide is None and (found is None or not found.certified):
+        tried = _certified(scenario, plan(within, _left(began, time_limit)))
+    if scenario.guide is None and (tried is None or not tried.certified):
         line = np.concatenate([[scenario.start.position], route[1:-1], [scenario.goal.position]])
         along = within.model_copy(update={"guide": line.tolist()})
-        found = _certified(scenario, plan(along, _left(began, time_limit)))
-    assert found is not None
-    return replace(found, wall_time=perf_counter() - began)
+        tried = _certified(scenario, plan(along, _left(began, time_limit)))
+    assert tried is not None
+    return replace(tried, wall_time=perf_counter() - began)
 
 
 def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape]) -> str:

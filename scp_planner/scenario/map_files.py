@@ -39,6 +39,8 @@ def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyM
 
     Raises
     ------
+    ValueError
+        If ``unknown`` is another word.
     ScenarioError
         With every fault of the file, or what is wrong with its picture.
     OSError

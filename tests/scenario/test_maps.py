@@ -103,7 +103,7 @@ def test_thresholds_and_modes(tmp_path: Path) -> None:
         cells: list[bool] = sp.load_map(tmp_path / "a.yaml", unknown).occupied[0].tolist()
         return cells
 
-    limits = {"occupied_thresh": 0.65, "free_thresh": 0.196}
+    limits: dict[str, Any] = {"occupied_thresh": 0.65, "free_thresh": 0.196}
     assert read(**limits) == [True, True, True, False]
     assert read("free", **limits) == [True, False, False, False]
     assert read("free", **limits, negate=1) == [False, False, True, True]
