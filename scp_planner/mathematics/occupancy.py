@@ -97,7 +97,7 @@ class OccupancyMap:
 
     @property
     def rotation(self) -> Array:
-        """(2, 2) matrix, 1, that turns directions of the grid into those of the world."""
+        """(2, 2) matrix that turns directions of the grid, m, into those of the world."""
         return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
 
     def local(self, points: ArrayLike) -> Array:
