@@ -115,7 +115,9 @@ def plan(
 
         return plan_of_legs(within, one, left)
 
-    return over_ground(scenario, time_limit) if scenario.ground is None else plan_over_map(scenario, over_ground, time_limit)
+    if scenario.ground is None:
+        return over_ground(scenario, time_limit)
+    return plan_over_map(scenario, over_ground, time_limit)
 
 
 def planned(
