@@ -71,9 +71,11 @@ def test_a_solver_of_ones_own_solves_every_subproblem(scenario: sp.Scenario) -> 
 
 
 def test_no_other_solver_takes_the_place_of_ones_own(scenario: sp.Scenario) -> None:
-    # First trips know nothing of the jerk; else one of them is certified without a program.
+    # First trips know nothing of the jerk, nor routes of what moves; else one of them is certified without a program.
     jerky = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"max_jerk": 1.0})})
-    plan = sp.plan(jerky, solver=Failing())
+    motion = sp.Motion(time=100.0, position=(7.0, 6.6), velocity=(0.05, 0.0))
+    moving = scenario.obstacles[0].model_copy(update={"motion": motion})
+    plan = sp.plan(jerky.model_copy(update={"obstacles": (moving,)}), solver=Failing())
     assert plan.status == "failed" and plan.solver == "failing"
     assert plan.reason is not None and "the solver failed on the last subproblem" in plan.reason
 
