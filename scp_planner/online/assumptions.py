@@ -1,4 +1,4 @@
-"""Assumptions of a plan's promise, watched while driving: see `docs/explanation/out-of-the-way.md`."""
+"""Assumptions of a plan's promise, watched while driving: see `docs/explanation/online.md`."""
 
 from __future__ import annotations
 
