@@ -20,15 +20,16 @@ def settle_minima(
     zones: ZoneBatch, step: float, points: TripPoints, sample: Index, zone: Index, sigma: Array, least: Array
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero."""
-    inside = (sample > 0) & (points.table.sigma[sample] < 1.0)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
     if zones.ground is not None:
         rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
-    rows = (rugged & inside).nonzero()[0]
+    rows = rugged.nonzero()[0]
     if len(rows) == 0:
         return
     which, place = zone[rows], sample[rows]
-    around = np.concatenate([place - 1, place, place + 1])
+    # Before the first sample and after the last one there is nothing: there minima are on one side alone
+    last = int(points.table.sigma.argmax())
+    around = np.concatenate([np.maximum(place - 1, 0), place, np.minimum(place + 1, last)])
     touched = zones.contacts(np.tile(which, 3), points.time[around], points.path.position[around])
     slope = _closing(zones, np.tile(which, 3), _velocities(points, around), touched).reshape(3, -1)
     falling = slope[1] < 0.0
@@ -41,10 +42,29 @@ def settle_minima(
         bracketed &= ~(edge & np.isin(which, zones.ground.zones))
     if not bracketed.any():
         return
-    begin = np.where(falling, place, place - 1)[bracketed]
     rows, which, below, above = rows[bracketed], which[bracketed], below[bracketed], above[bracketed]
-    course = _Course.after(points, begin)
+    begin = np.where(falling, place, place - 1)[bracketed]
+    end = begin + 1
+    _between_jumps(zones, which, points, (begin, end), (below, above), last)
+    course = _Course.between(points, begin, end)
     sigma[rows] = course.begin + course.width * _zero(zones, which, course, below, above)
+
+
+def _between_jumps(
+    zones: ZoneBatch, which: Index, points: TripPoints, ends: tuple[Index, Index], rates: tuple[Array, Array], last: int
+) -> None:
+    """Narrow brackets, in place, to where the acceleration does not jump: a cubic is not the trip across a jump."""
+    (begin, end), (below, above), sigma = ends, rates, points.table.sigma
+    jumps = sigma[last + 1 :]
+    between = (sigma[begin, None] < jumps) & (jumps < sigma[end, None])
+    for jump in last + 1 + np.flatnonzero(between.any(axis=0)):
+        rows = np.flatnonzero((sigma[begin] < sigma[jump]) & (sigma[jump] < sigma[end]))
+        at = np.full(len(rows), jump)
+        contacts = zones.contacts(which[rows], points.time[at], points.path.position[at])
+        rate = _closing(zones, which[rows], _velocities(points, at), contacts)
+        closes = rate < 0.0
+        begin[rows[closes]], below[rows[closes]] = jump, rate[closes]
+        end[rows[~closes]], above[rows[~closes]] = jump, rate[~closes]
 
 
 def _zero(zones: ZoneBatch, which: Index, course: _Course, below: Array, above: Array) -> Array:
@@ -76,15 +96,15 @@ class _Course:
     coefficients: Array
 
     @classmethod
-    def after(cls, points: TripPoints, place: Index) -> _Course:
-        """Return the ways from samples, (m,) indices of points."""
-        here, there = points.path.position[place], points.path.position[place + 1]
+    def between(cls, points: TripPoints, place: Index, end: Index) -> _Course:
+        """Return the ways from samples to later ones, (m,) indices of points each."""
+        here, there = points.path.position[place], points.path.position[end]
         time, begin = points.time[place], points.table.sigma[place]
-        duration = points.time[place + 1] - time
-        leaving, coming = (_velocities(points, at) * duration[:, None] for at in (place, place + 1))
+        duration = points.time[end] - time
+        leaving, coming = (_velocities(points, at) * duration[:, None] for at in (place, end))
         way = there - here
         coefficients = np.stack([here, leaving, 3.0 * way - 2.0 * leaving - coming, leaving + coming - 2.0 * way])
-        width = points.table.sigma[place + 1] - begin
+        width = points.table.sigma[end] - begin
         return cls(begin, width, time, duration, coefficients)
 
     def at(self, share: Array) -> tuple[Array, Array]:
