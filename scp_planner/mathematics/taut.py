@@ -27,7 +27,7 @@ class TautSettings:
     """Rounding, and work that is done at a time."""
 
     thin: float = 1e-7  # of the extent: polygons overlap by more, and corners turn by more rad
-    rows: int = 2**20  # pairs of corners, or of legs and edges, that are looked at together
+    rows: int = 2**16  # pairs of corners, or of legs and edges, that are looked at together
     raster: int = 192  # cells along the longer side, by which blocked legs are found quickly
     looks: int = 32  # at the raster, on each leg
     most_corners: int = 6_000

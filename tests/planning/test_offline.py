@@ -223,3 +223,12 @@ def test_more_jerk_makes_no_trip_slower_or_impossible() -> None:
         assert plan.certified, plan.reason
         times.append(plan.travel_time)
     assert times == sorted(times, reverse=True)
+
+
+def test_posts_on_a_long_trip_are_passed_wherever_they_stand_between_samples() -> None:
+    """Samples are 125 m apart on 20 km; the first post stands where the vehicle still speeds up."""
+    places = [(39.0, 0.3), (60.0, -0.4), *((1000.0 * k, 0.5 * (-1) ** k) for k in range(1, 20)), (19985.0, 0.2)]
+    posts = [disc(f"post {x}", (x, y), radius=0.5) for x, y in places]
+    plan = sp.plan(scene(*posts, start={"speed": 1.0}, goal={"position": [20000.0, 0.0]}))
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.005 * plan.lower_bound
