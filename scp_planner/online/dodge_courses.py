@@ -25,7 +25,11 @@ class CourseParameters:
     bend_time: float = 1.25  # Middle of that turn, in times in which the vehicle drives its own width
     bent_profiles: int = 4  # The last so many profiles: those that last long enough for that
     # Degrees, by which courses turn from the beginning on, to either side, where the heading is not free
-    turns: tuple[float, ...] = (0.0, 10.0, 22.0, 40.0, 65.0, 100.0, 140.0, 180.0)
+    turns: tuple[float, ...] = (0.0, 10.0, 22.0, 40.0, 70.0, 120.0, 180.0)
+    # Degrees, by which courses turn aside and back again, to either side: the vehicle moves over
+    aside: tuple[float, ...] = (16.0, 32.0)
+    # Widths that the vehicle drives from a stand and stops, where half of the top speed takes it farther
+    short: tuple[float, ...] = (1.0, 2.0, 4.0)
     levels: tuple[float, ...] = (1.0, 0.5)  # Shares of the top speed
     # Times for which a level is kept, in those in which the vehicle drives its own width
     cruises: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0, 8.0)
@@ -59,9 +63,25 @@ def prompt_step(share: Array) -> Array:
 class Bend:
     turned: Callable[[Array], Array]  # Shares of the angle at shares of the length
     peak: float  # The largest slope of that, and of splines through it
+    end: float = 1.0  # Share of the angle at the end
+
+
+def aside(share: Array) -> Array:
+    """Rise from 0 to 1 and fall back to 0 along a parabola."""
+    share = np.minimum(share, 1.0)
+    turned: Array = 4.0 * share * (1.0 - share)
+    return turned
+
+
+def gradually_aside(share: Array) -> Array:
+    """Rise from 0 to 1 and fall back to 0 without a jump of the slope."""
+    turned: Array = aside(share) ** 2
+    return turned
 
 
 GRADUAL = Bend(smooth_step, 1.5)
+GRADUAL_ASIDE = Bend(gradually_aside, 16.0 / 27.0**0.5, 0.0)
+PROMPT_ASIDE = Bend(aside, 4.05, 0.0)
 PROMPT = Bend(prompt_step, 1.015 / (1.0 - 0.5 * COURSES.easing))
 """Share of the span in which a vehicle turns whose curvature may jump: one that turned gradually would hardly turn
 in a replan."""
@@ -101,10 +121,13 @@ class DodgeProfiles(Protocol):
     def drive(self, number: int) -> DodgeDrive: ...
 
 
-def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
+def levels_and_cruises(limits: Limits, width: float) -> tuple[Array, Array]:
     """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once."""
+    top, rate = limits.speed, 2.0 / (1.0 / limits.acceleration + 1.0 / limits.deceleration)
     levels, cruises = np.meshgrid(np.array(COURSES.levels) * top, np.array(COURSES.cruises) * width / top)
-    return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
+    short = np.sqrt(rate * width * np.array(COURSES.short))
+    short = np.append(0.0, short[short < levels.min()])
+    return np.concatenate([short, levels.ravel()]), np.concatenate([np.zeros(len(short)), cruises.ravel()])
 
 
 @dataclass(frozen=True)
@@ -118,7 +141,7 @@ class Profiles:
     @classmethod
     def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
         """Return the profiles of a vehicle."""
-        level, cruise = levels_and_cruises(limits.speed, width)
+        level, cruise = levels_and_cruises(limits, width)
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * COURSES.limit_share
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * COURSES.limit_share)
         whole_spans = COURSES.spans - COURSES.rounded_spans
@@ -199,6 +222,13 @@ class Courses:
         turn = np.concatenate([turns, -turns[1:-1]])
         return cls(np.full(len(turn), heading), turn, bend)
 
+    @classmethod
+    def moving_over(cls, heading: float, bend: Bend) -> Courses:
+        """Return those of a vehicle with a heading, rad, that turn aside and back again."""
+        turns = np.radians(COURSES.aside)
+        turn = np.concatenate([turns, -turns])
+        return cls(np.full(len(turn), heading), turn, bend)
+
     def every(self, stride: int) -> Courses:
         """Every so manieth of them, from the first one on."""
         return Courses(self.base[::stride], self.turn[::stride], self.bend)
@@ -214,7 +244,7 @@ class Courses:
     @property
     def _ends(self) -> tuple[Array, Array]:
         """Components of the directions, (K,) each, in which turns end, from that in which they begin."""
-        return np.cos(self.turn), np.sin(self.turn)
+        return np.cos(self.bend.end * self.turn), np.sin(self.bend.end * self.turn)
 
     def along(self, lead: Array, length: Array, distance: Array) -> tuple[Array, Array]:
         """Places and headings."""
@@ -261,7 +291,7 @@ class RampedProfiles:
     @classmethod
     def of(cls, state: State, limits: Limits, jerk: float, width: float, wait: float) -> RampedProfiles:
         """Return the profiles of a vehicle."""
-        level, cruise = levels_and_cruises(limits.speed, width)
+        level, cruise = levels_and_cruises(limits, width)
         speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
         share, jerk = COURSES.limit_share, JERK_SHARE * jerk
         rise, fall = limits.acceleration * share, limits.deceleration * share

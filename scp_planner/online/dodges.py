@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import COURSES, Bend, Courses, DodgeProfiles
+from scp_planner.online.dodge_courses import COURSES, GRADUAL, GRADUAL_ASIDE, PROMPT_ASIDE, Bend, Courses, DodgeProfiles
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
@@ -180,7 +181,9 @@ class Dodges:
             )
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
-            families = tuple(Family.of(Courses.turning(each, bend), profiles, limits, radius, 0.0) for each in ways)
+            over = GRADUAL_ASIDE if bend is GRADUAL else PROMPT_ASIDE
+            made = [Courses.turning(each, bend) for each in ways], [Courses.moving_over(each, over) for each in ways]
+            families = tuple(Family.of(each, profiles, limits, radius, 0.0) for each in chain(*made))
         return cls.sampled(families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), DODGES.samples))
 
     @classmethod
