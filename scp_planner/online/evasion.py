@@ -106,11 +106,15 @@ class Evasion:
         times, standing = view.dodges.times, HARM.standing
         if not self._means.gives_way_late:
             standing = HARM.creeping
-        harms = harms_of_trips(moment, [each.trip for each in others], times, confidence, standing)
-        of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence, standing)
+        goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
+        soon, box = self._soon(moment), self.outlooks.box(moment)
+        trips = harms_of_trips(moment, [each.trip for each in others], times, box, confidence, standing, soon)
+        dodges = harms_of_dodges(moment, view.dodges, box, confidence, standing, soon)
+        least = min(trips.impact.min(initial=np.inf), dodges.impact.min())
+        braking = min(float(dodges.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
+        harms, of_dodges = (each.no_harder_than(least, braking) for each in (trips, dodges))
         now.lap("evasion")
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
-        goes_on = bool(others) and now.last is not None and others[0].trip is now.last.trip
         if goes_on and EVASION.steady * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
         most = min(harms.min(initial=np.inf), of_dodges.min()) + EVASION.even

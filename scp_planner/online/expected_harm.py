@@ -37,40 +37,61 @@ class HarmParameters:
     growing: float = 0.5
     # Deviations of a gap, beyond which a touch is so improbable that no sum with anything probable shows it
     far: float = 9.0
+    leaving: float = 0.5  # Share of the way by which a contact is to get shallower, for the vehicle to leave it
+    alike: float = 0.05  # Share of a speed at contact, by which others are as good
 
 
 HARM = HarmParameters()
 
 
-def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float) -> Array:
-    """Return the harm to be expected of dodges, (C,), between 0 and 1."""
+@dataclass(frozen=True)
+class Harms:
+    """Harm to be expected of n trips, between 0 and 1, and the highest speed at which each drives in contact, m/s.
+
+    That is with obstacles where they are expected, within the time in which the vehicle can stop.
+    """
+
+    expected: Array
+    impact: Array
+
+    def no_harder_than(self, least: float, braking: float) -> Array:
+        """Harms; inf of trips that hit harder than braking, or, where each hits, than the one that hits least."""
+        most = least if least > 0.0 else braking
+        return np.where(self.impact <= (1.0 + HARM.alike) * most, self.expected, np.inf)
+
+
+def harms_of_dodges(
+    moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float, soon: float
+) -> Harms:
+    """Return the harm to be expected of dodges, (C,)."""
     vehicle = moment.scenario.vehicle
     whole = _grown(moment.batch, vehicle)
-    near, spared = dodges.within_reach(whole, vehicle), np.ones(len(dodges.position))
-    weights = _weights(dodges.times, dodges.position, vehicle, standing)
+    near, harms = dodges.within_reach(whole, vehicle), []
+    weights = _weights(dodges.times, dodges.position, vehicle, standing, soon)
     scale = _deviations(confidence, whole)
     for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
         each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
-        spared *= _spared(each.each, less.each, scale, weights)
-    return 1.0 - spared
+        harms.append(_harms(each.each, less.each, scale, weights))
+    spared = np.prod([1.0 - each.expected for each in harms], axis=0)
+    return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
 
 
 def harms_of_trips(
-    moment: Moment, trips: Sequence[Trip], times: Array, confidence: Confidence, standing: float
-) -> Array:
+    moment: Moment, trips: Sequence[Trip], times: Array, box: Box, confidence: Confidence, standing: float, soon: float
+) -> Harms:
     """Return the same of trips that are being driven, or stops, (n,)."""
     if not trips:
-        return np.zeros(0)
+        return Harms(np.zeros(0), np.zeros(0))
     vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
     for trip, put in zip(trips, place, strict=True):
         put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
     clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), WORTH.exact_widths * 2.0 * vehicle.radius
-    whole, less = (
-        _grown(one.batch, vehicle).distances(clock, points, exact).T.reshape(-1, *place.shape[:2])
-        for one in (moment, moment.with_smaller_zones(HARM.part))
-    )
-    weights = _weights(times, place, vehicle, standing)
-    return 1.0 - _spared(whole, less, _deviations(confidence, moment.batch), weights)
+    zones = (_grown(one.batch, vehicle) for one in (moment, moment.with_smaller_zones(HARM.part)))
+    away = (each.distances(clock, points, exact).T.reshape(-1, *place.shape[:2]) for each in zones)
+    border = np.minimum(box.room(place), exact)[None]
+    whole, less = (np.concatenate([each, border]) for each in away)
+    weights = _weights(times, place, vehicle, standing, soon)
+    return _harms(whole, less, _deviations(confidence, moment.batch), weights)
 
 
 def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
@@ -83,18 +104,29 @@ def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
     return math.sqrt(marginal_scale(str(confidence.level), confidence.probability, 1, uncertain))
 
 
-def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float) -> tuple[Array, Array, Array]:
+@dataclass(frozen=True)
+class _Weights:
+    counts: Array  # (C, J) Cost of a contact
+    fading: Array  # (J,)
+    sets_off: Array  # (C,)
+    driven: Array  # (C, J - 1) m, from each sample to the next
+    speed: Array  # (C, J - 1) m/s, up to each sample but the first; 0 of those after the vehicle may have stopped
+
+
+def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float, soon: float) -> _Weights:
     speed = np.zeros(place.shape[:2])
     speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
     drives = HARM.creeping + (1.0 - HARM.creeping) * np.minimum(speed / vehicle.max_speed, 1.0)
     counts: Array = np.where(speed > STOPS.standing, drives, standing)
     fading: Array = 1.0 / (1.0 + WORTH.fading * times / a_moment(vehicle))  # there will be replans until then
     sets_off: Array = np.where(speed[:, 0] > STOPS.standing, HARM.setting_off * (HARM.creeping - standing), 0.0)
-    return counts, fading, sets_off
+    driven = speed[:, :-1] * np.diff(times)
+    speed = np.where((times <= max(soon, times[1])) & (speed > STOPS.standing), speed, 0.0)
+    return _Weights(counts, fading, sets_off, driven, speed[:, :-1])
 
 
-def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array, Array]) -> Array:
-    """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of a part of the size, m."""
+def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
+    """Return harms, (C,), by distances (L, C, J) to zones and those of a part of the size, m."""
     extent = less - whole
     np.maximum(extent, 0.0, out=extent)
     extent /= 1.0 - HARM.part
@@ -105,12 +137,13 @@ def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array
     near = away < HARM.far
     touched = np.zeros(gap.shape)
     touched[near] = ndtr(-away[near])
-    counts, fading, sets_off = weights
-    touched *= counts
-    touched *= fading
-    harm = touched.max(axis=2)
+    touched *= weights.counts
+    touched *= weights.fading
+    harm = touched.max(axis=2, initial=0.0)
     # Who is touched now is no better off by what it was: it gets away the sooner, the better, if that is worth it.
     zone, dodge = np.nonzero(gap[..., 0] < 0.0)
-    harm[zone, dodge] = touched[zone, dodge].sum(axis=1) / fading.sum() + sets_off[dodge]
-    spared: Array = np.prod(1.0 - np.minimum(harm, 1.0), axis=0)
-    return spared
+    harm[zone, dodge] = touched[zone, dodge].sum(axis=1) / weights.fading.sum() + weights.sets_off[dodge]
+    # To leave what touches it is no impact, to scrape along it is.
+    hits = (gap[..., 1:] < np.minimum(gap[..., :-1] + HARM.leaving * weights.driven, 0.0)).any(axis=0)
+    impact: Array = (weights.speed * hits).max(axis=1)
+    return Harms(1.0 - np.prod(1.0 - np.minimum(harm, 1.0), axis=0), impact)
