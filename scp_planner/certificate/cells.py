@@ -47,12 +47,6 @@ class NearCells:
             found.append(np.stack([columns + corner[0], rows + corner[1]], axis=1) + 0.5)
         return cls(ground, np.concatenate(found), float(sight))
 
-    @classmethod
-    def round(cls, ground: OccupancyMap, disc: MovingPoint, radius: float) -> NearCells:
-        """Return the cells round a disc on its way, whose places are m in the world."""
-        places, away = ground.local(disc.position), (reach(disc) / ground.resolution)[:, None]
-        return cls.of(ground, places - away, places + away, max(round(SIGHT * radius / ground.resolution), FEWEST))
-
     @cached_property
     def tree(self) -> object:
         """The centres, to be asked for the nearest."""
@@ -80,18 +74,41 @@ class NearCells:
         return np.where(inside, -1.0, value), np.where(inside, -1.0, lower)
 
 
+class CellsRound:
+    """The occupied cells round a disc on its way."""
+
+    def __init__(self, ground: OccupancyMap, radius: float) -> None:
+        self._ground, self._sight = ground, max(SIGHT * radius, FEWEST * ground.resolution)
+        self._near: NearCells | None = None
+
+    def distances(self, disc: MovingPoint) -> tuple[Array, Array]:
+        """Distances of the disc's centre in the middle of pieces, m in the world, and lower bounds of those on each."""
+        size, places, away = self._ground.resolution, self._ground.local(disc.position), reach(disc)
+        long = ~(away <= self._sight)  # of these the parts are looked at
+        if self._near is None:
+            far = away[~long, None] / size
+            near = NearCells.of(
+                self._ground, places[~long] - far, places[~long] + far, max(round(self._sight / size), FEWEST)
+            )
+            self._near = None if long.any() else near
+        else:
+            near = self._near
+        value, lower = near.distances(places)
+        return size * value, np.where(long, -np.inf, size * lower - away)
+
+
 def clear_of_cells(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc, precision: float) -> Kept:
     """Bound the clearance of a disc of the vehicle from all occupied cells."""
     ground = checked.scenario.ground
     assert ground is not None
-    radius, size = checked.scenario.vehicle.radius, ground.map.resolution
-    near = NearCells.round(ground.map, replace(disc.center, position=_places(checked, disc)), radius)
+    radius = checked.scenario.vehicle.radius
+    near = CellsRound(ground.map, radius)
     certified, least, at = np.inf, np.inf, 0.0
     for _ in range(PIECES.max_halvings // 2):
         checked.go_on()
-        value, lower = near.distances(ground.map.local(_places(checked, disc)))
-        value = size * value - radius - disc.off
-        lower = size * lower - radius - disc.most_off - reach(disc.center)
+        center = replace(disc.center, position=checked.trip.frame.to_world(disc.center.position))
+        value, lower = near.distances(center)
+        value, lower = value - radius - disc.off, lower - radius - disc.most_off
         worst = int(np.argmin(value))
         if value[worst] < least:
             least, at = float(value[worst]), float(pieces.middle[worst])
@@ -107,11 +124,6 @@ def clear_of_cells(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc, prec
         disc = VehicleDisc.on(checked.enclosed(pieces), disc.offset, checked.tube)
     touched = Violation("clearance", least, 0.0, checked.absolute(at), NAME)
     return Kept(Clearance(least, NAME, checked.absolute(at)), (touched,))
-
-
-def _places(checked: CheckedTrip, disc: VehicleDisc) -> Array:
-    """Centres of a disc in the middle of the pieces, m in the world."""
-    return checked.trip.frame.to_world(disc.center.position)
 
 
 def reach(disc: MovingPoint) -> Array:

@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.certificate.cells import NearCells, reach
+from scp_planner.certificate.cells import CellsRound
 from scp_planner.certificate.ends import (
     EndState,
     beside_corridor,
@@ -289,13 +289,13 @@ class _SampledCheck:
 
     def _clearance_of_cells(self, offset: float, ground: OccupancyMap) -> Clearance:
         """Least clearance of a disc that is so far ahead of the reference point from the cells of a map."""
-        size, keep = ground.resolution, self.scenario.vehicle.radius + self._turned(offset)
+        keep = self.scenario.vehicle.radius + self._turned(offset)
         parts, certified, least, when = self._parts, inf, inf, 0.0
         disc = self.pieces.disc(parts, offset)
-        near = NearCells.round(ground, disc, keep)
+        near = CellsRound(ground, keep)
         for _ in range(EFFORT.most_halvings):
-            value, lower = near.distances(ground.local(disc.position))
-            value, lower = size * value - keep, size * lower - keep - reach(disc)
+            value, lower = near.distances(disc)
+            value, lower = value - keep, lower - keep
             worst = int(np.argmin(value))
             if value[worst] < least:
                 least, when = float(value[worst]), float(disc.time[worst])

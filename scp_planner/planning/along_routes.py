@@ -11,22 +11,25 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import TooLargeError
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.attempts import Attempt
-from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import CloserWays, Ways
-from scp_planner.problem.guides import STEEPEST, guide_over
+from scp_planner.problem.guides import STEEPEST, bend_radius, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.routes.gaps import widest_gap
 from scp_planner.routes.roadmap import Roadmap, Route
+from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import Way
+from scp_planner.settings.planning import for_scene
 from scp_planner.trips.guide import Guide
 
 logger = logging.getLogger(__name__)
@@ -46,6 +49,7 @@ class AlongRouteSettings:
     least: float = 0.5  # units of length, of turns at ends: splines do not follow tighter ones
     rounded: float = 0.4  # least radii of the vehicle, over which bends that were widened are averaged
     spans: int = 100  # of a path over a route, that its bends may need at first
+    to_a_span: float = 2.0  # radii of bends at top speed
     steady: float = 0.9  # of the speed in the tightest bend
     stations: int = 400  # of a drive along a guide
 
@@ -159,6 +163,17 @@ class Routes:
         self.count += route is not None
         self.exhausted = route is None
         return route
+
+
+def guide_on(task: Task, line: Array) -> Guide:
+    """Return a guide on a route, (n, 2) m from start to goal, that the vehicle can follow."""
+    scenario, settings = task.scenario, for_scene(task.settings)
+    limits = Limits.of(scenario, settings.limit_margin).rounded()
+    frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
+    points = frame.to_frame(line)
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    spans = min(ALONG.spans, length / (ALONG.to_a_span * bend_radius(points, limits, limits.speed)))
+    return guide_over(points, scenario, limits, settings, spans)
 
 
 def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:

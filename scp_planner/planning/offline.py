@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import ground_bound, kinematic_bound
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide
+from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide, guide_on
 from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
@@ -104,7 +105,9 @@ def plan(
         return plan_in_tube(scenario, tube, without, time_limit)
     NaturalUnits.of(scenario)  # which refuses what is no scenario
 
-    def over_ground(within: Scenario, left: float | None) -> Plan:
+    def over_ground(within: Scenario, left: float | None, along: Array | None = None) -> Plan:
+        if along is not None:
+            return planned(within, settings, solver, left, constraints, along=along)
         if constraints is not None or not may_have_legs(within):
             return planned(within, settings, solver, left, constraints)
         # What is estimated is known less well at a later start: all legs keep clear of the zones at the first one
@@ -129,8 +132,12 @@ def planned(
     *,
     thorough: bool = True,
     threat_zones: Sequence[ThreatZone] | None = None,
+    along: Array | None = None,
 ) -> Plan:
-    """Plan a trip without a tube round it, see :func:`plan`; among zones that are at hand, if there are some."""
+    """Plan a trip without a tube round it, see :func:`plan`; among zones that are at hand, if there are some.
+
+    A route from start to goal, (n, 2) m, is driven ``along`` at first.
+    """
     began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
@@ -138,7 +145,7 @@ def planned(
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
     call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough, threat_zones)
-    units = NaturalUnits.of(scenario)
+    units = NaturalUnits.of(scenario, None if along is None else float(np.hypot(*np.diff(along, axis=0).T).sum()))
     check_obstacles(len(scenario.obstacles))
     inside, task = call.task(units)
     if isinstance(task.threat_zones, ZonesOf):
@@ -147,6 +154,11 @@ def planned(
     if target is not None:
         least = kinematic_bound(inside)
         return _told(scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, began)
+    if along is not None:
+        search = TripSearch(CheckedRuns(task, guide_on(task, (along - units.origin) / units.length)))
+        search.walk(attempts(search, None, along=False))
+        assert search.best is not None, "the first run is never cut off"
+        return _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
     runs = CheckedRuns(task)
     routes = None if constraints is not None else Routes.of(runs.everything, task.deadline)
     first = None if routes is None else routes.first_beside(runs.everything.space.guide)

@@ -1,28 +1,49 @@
-"""A trip over a map: planned in convex ground along a route over its free cells, certified against the cells."""
+"""A trip over a map: planned in convex ground along routes over its free cells, certified against the cells."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.routes.outlines import StandingShape, standing_shapes
-from scp_planner.routes.over_map import MAPS, MapRoutes
+from scp_planner.routes.over_map import MAPS, MapRoutes, straightened
+from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
 
-STEPS = 7  # of bisection for the widest passage, at most
-LOOKING = 1.0  # s of wall time, after which it is not looked for any closer
-PlanWithin = Callable[[Scenario, float | None], Plan]
+
+class PlanWithin(Protocol):
+    """Plans without a map within a wall time, s, at first along a route, (n, 2) m, if there is one."""
+
+    def __call__(self, scenario: Scenario, left: float | None, along: Array | None = None, /) -> Plan: ...
+
+
+@dataclass(frozen=True)
+class OverMapSettings:
+    """Corridors along routes and trips, and how long the widest passage is looked for."""
+
+    steps: int = 7  # of bisection for the widest passage, at most
+    looking: float = 1.0  # s of wall time, after which it is not looked for any closer
+    straight: float = 0.05  # radii, by which legs round which ground is grown are off their route
+    places: int = 400  # of a trip that ground is grown along
+    grown: int = 6  # times, at most
+    gain: float = 1e-3  # relative, that is worth growing it again
+
+
+OVER_MAP = OverMapSettings()
 
 
 def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None) -> Plan:
@@ -39,25 +60,113 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         found = _certified(scenario, plan(bare, _left(began, time_limit)))
         told = replace(found, status=PlanStatus.INFEASIBLE, reason=_no_route(scenario, ground.map, routes.standing))
         return found if found.certified else told
-    pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in routes.along(route))
-    within = bare.model_copy(update={"corridor": pieces})
-    tried: Plan | None = None
-    if scenario.guide is not None or len(pieces) <= MAPS.most_open:
-        tried = _certified(scenario, plan(within, _left(began, time_limit)))
-    if scenario.guide is None and (tried is None or not tried.certified):
-        line = np.concatenate([[scenario.start.position], route[1:-1], [scenario.goal.position]])
-        along = within.model_copy(update={"guide": line.tolist()})
-        tried = _certified(scenario, plan(along, _left(began, time_limit)))
-    assert tried is not None
-    return replace(tried, wall_time=perf_counter() - began)
+    search = _CorridorSearch(scenario, plan, routes, began, time_limit)
+    return replace(search.run(route), wall_time=perf_counter() - began)
+
+
+class _CorridorSearch:
+    """Plans in corridors along routes, then along the best trip, while it gets faster."""
+
+    def __init__(
+        self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, began: float, time_limit: float | None
+    ) -> None:
+        self.scenario, self.plan, self.routes, self.began, self.time_limit = scenario, plan, routes, began, time_limit
+        self.bare = changed(scenario, ground=None)
+        self.iterations = 0
+        self.grown: list[Array] = []
+        self.best: Plan | None = None
+
+    def run(self, shortest: Array) -> Plan:
+        """Return the fastest certified trip; else the best attempt."""
+        lines = [shortest] if self.routes.drivable is None else [self.routes.drivable, shortest]
+        if self.scenario.guide is not None or may_have_legs(self.scenario):  # which find guides of their own
+            if self.scenario.guide is not None:
+                ends = self.scenario.start.position, self.scenario.goal.position
+                lines.append(np.array([ends[0], *self.scenario.guide, ends[1]]))
+            self._along(lines)
+        else:
+            for line in lines:
+                if not (self._certified and (self._least(line) >= self._time or self._leads_through(line))):
+                    self._along([line], line)
+            if not self._certified and len(self.routes.along(shortest)) <= MAPS.most_open:
+                self._along(lines)
+            for _ in range(OVER_MAP.grown):
+                if not self._certified or self._over or not self._regrown():
+                    break
+        assert self.best is not None
+        return replace(self.best, iterations=self.iterations)
+
+    @property
+    def _certified(self) -> bool:
+        return self.best is not None and self.best.certified
+
+    @property
+    def _time(self) -> float:
+        return np.inf if self.best is None else self.best.travel_time
+
+    def _least(self, line: Array) -> float:
+        """Time along a polyline, but for its bends, s."""
+        start, goal = self.scenario.start, self.scenario.goal
+        length = float(np.hypot(*np.diff(line, axis=0).T).sum()) - goal.radius
+        return straight_travel_time(max(length, 0.0), start.speed, Limits.of(self.scenario), goal.speed)[0]
+
+    @property
+    def _over(self) -> bool:
+        left = _left(self.began, self.time_limit)
+        return left is not None and left == 0.0
+
+    def _regrown(self) -> bool:
+        """Plan in ground grown along the best trip; return True if it is worth doing again."""
+        before = self.best
+        assert before is not None
+        line = before.position(before.start_time + np.linspace(0.0, before.travel_time, OVER_MAP.places))
+        self._along([line], line)
+        assert self.best is not None
+        return self.best.travel_time < before.travel_time * (1.0 - OVER_MAP.gain)
+
+    def _leads_through(self, line: Array) -> bool:
+        """True if the ground that was grown last holds a polyline: then its trip is one round the same obstacles."""
+        steps = np.hypot(*np.diff(line, axis=0).T)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        at = np.arange(0.0, along[-1], self.scenario.vehicle.radius)
+        places = np.stack([np.interp(at, along, line[:, axis]) for axis in (0, 1)], axis=1)
+        held = np.zeros(len(places), dtype=bool)
+        for piece in self.grown:
+            edges = np.roll(piece, -1, axis=0) - piece
+            held |= (_cross(edges, places[:, None] - piece) >= 0.0).all(axis=1)
+        return bool(held.all())
+
+    def _along(self, lines: Sequence[Array], along: Array | None = None) -> None:
+        """Plan in the ground along some polylines, at first along one of them, and keep the better plan."""
+        if self.best is not None and self._over:
+            return
+        radius = self.scenario.vehicle.radius
+        straight = [straightened(line, OVER_MAP.straight * radius) for line in lines]
+        self.grown = [piece for line in straight for piece in self.routes.along(line)]
+        pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in self.grown)
+        within = self.bare.model_copy(update={"corridor": pieces})
+        if along is not None:
+            along = np.concatenate([[self.scenario.start.position], along[1:-1], [self.scenario.goal.position]])
+        found = _certified(self.scenario, self.plan(within, _left(self.began, self.time_limit), along))
+        self.iterations += found.iterations
+        best = self.best
+        if best is None or found.certified > best.certified:
+            self.best = found
+        elif found.certified and found.travel_time < best.travel_time:
+            self.best = found
+
+
+def _cross(one: Array, other: Array) -> Array:
+    found: Array = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+    return found
 
 
 def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape]) -> str:
     """Say how wide the widest passage to the goal is."""
     radius = scenario.vehicle.radius
     fits, too_large, began = 0.0, radius, perf_counter()
-    for _ in range(STEPS):
-        if perf_counter() - began > LOOKING:
+    for _ in range(OVER_MAP.steps):
+        if perf_counter() - began > OVER_MAP.looking:
             break
         middle = 0.5 * (fits + too_large)
         smaller = changed(scenario, vehicle=changed(scenario.vehicle, radius=middle))

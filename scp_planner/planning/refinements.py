@@ -43,6 +43,7 @@ class RefinementSettings:
     mended: float = 0.02  # violation along a way round what stands, that stricter constraints may mend
     most_along_routes: int = 120  # spans there: with more of them an iteration takes seconds
     finer_paths: int = 3
+    shortest: float = 0.1  # units of length, of a span in settings
     most_path_spans: int = 200
     worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
     notable: float = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
@@ -160,7 +161,7 @@ class FinerPath(Refinement):
     def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
-        settings = replace(for_scene(task.settings), path_span=space.length / spans)
+        settings = replace(for_scene(task.settings), path_span=max(space.length / spans, REFINEMENT.shortest))
         runs = CheckedRuns(replace(task, settings=settings), space.guide, _breakpoints_of(space), spans)
         start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
         return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)

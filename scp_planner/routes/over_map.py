@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, cos, hypot, sin, sqrt
@@ -11,6 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.routes.drivable import drivable_route
 from scp_planner.routes.outlines import StandingShape
 from scp_planner.scenario.models import Scenario
 
@@ -22,10 +23,11 @@ class MapSettings:
     fine: float = 0.5  # of the vehicle's radius: cells may be so large for routes; finer where there is none
     many: int = 9_000_000  # cells: with no more than these, routes are looked for over the map's own cells
     blocks: int = 250_000  # of cells, among which a route is looked for first
+    beside: float = 12.0  # radii, to each side of the shortest route, where the vehicle may follow another one
     wide: float = 12.0  # radii to each side, that the ground along a route is at most wide
     long: float = 8.0  # radii, of a piece of ground along its route at most
     most_pieces: int = 40  # of a route; of longer ones each is longer
-    most_open: int = 60  # pieces, in which the trip finds its own guide; through more of them the route is its guide
+    most_open: int = 60  # pieces, in which trips find guides of their own; of more legs, those held before have none
     more: float = 1.001  # of the radius, that a route keeps from occupied cells
     sides: int = 16  # of a polygon round what stands besides the map
 
@@ -40,6 +42,7 @@ class MapRoutes:
     def __init__(self, scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape] = ()) -> None:
         self.scenario, self.ground, self.standing = scenario, ground, standing
         self.radius = MAPS.more * scenario.vehicle.radius
+        self.drivable: Array | None = None
 
     def route(self) -> Array | None:
         """Return a polyline from start to goal, (n, 2) m, near to the shortest; None where there is none."""
@@ -59,11 +62,20 @@ class MapRoutes:
         if begin is None or end is None:
             return None
         band = _band(free, begin, end)
-        path = None if band is None else _shortest(band, begin, end)
+        path = None if band is None else _shortest(band, begin, end)[0]
         if path is None:
             return None
-        line = np.concatenate([ends[:1], path + 0.5, ends[1:]])
-        return coarse.world(_pulled(line, free))
+        route = _route_over(ends, path, free)
+        band = _beside(free, route, MAPS.beside * self.radius / coarse.resolution)
+        path, left = _shortest(band, begin, end)
+        if path is not None:  # between blocks the first one goes from side to side
+            route = min(route, _route_over(ends, path, free), key=_length)
+        for place, cell in zip(ends, (begin, end), strict=True):  # they may lie beside free cells by less than one
+            own = tuple(np.clip(np.floor(place).astype(np.intp), 0, np.array(free.shape[::-1]) - 1)[::-1])
+            band[own], left[own] = True, min(left[own], left[cell[1], cell[0]])
+        found = drivable_route(self.scenario, self.radius, (*ends, coarse.yaw), band, left, coarse.resolution)
+        self.drivable = None if found is None else coarse.world(found)
+        return coarse.world(route)
 
     def _free_cell(self, coarse: OccupancyMap, free: Mask, place: Array) -> Index | None:
         """The free cell that is nearest to a place, (column, row), within the vehicle's or the goal's radius."""
@@ -92,17 +104,22 @@ class MapRoutes:
     def along(self, route: Array) -> list[Array]:
         """Return convex polygons, (k, 2) m each, without occupied cells, round the legs of a route."""
         longest = max(MAPS.long * self.radius, float(np.hypot(*np.diff(route, axis=0).T).sum()) / MAPS.most_pieces)
-        found = []
+        found: list[Array] = []
         for begin, end in pairwise(route):
             count = ceil(hypot(*(end - begin)) / longest)
             places = begin + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - begin)
-            found += [self._round(one, other) for one, other in pairwise(places)]
+            for one, other in pairwise(places):
+                if not (
+                    len(route) > MAPS.most_open and found and _holds(found[-1], np.stack([one, other]), self.radius)
+                ):
+                    found.append(self._round(one, other))
         start = self.scenario.start
-        for disc in self.scenario.vehicle.discs:
-            if disc and start.heading is not None:
-                place = np.array(start.position) + disc * np.array([cos(start.heading), sin(start.heading)])
+        for disc in self.scenario.vehicle.discs:  # a leg from here may touch what the vehicle does not
+            if disc == 0.0 or start.heading is not None:
+                heading = start.heading or 0.0
+                place = np.array(start.position) + disc * np.array([cos(heading), sin(heading)])
                 found.append(self._round(place, place))
-        return found
+        return [*found, self._round(route[-1], route[-1])]
 
     def _round(self, begin: Array, end: Array) -> Array:
         """Cut the nearest cell off a box round a leg until none is left in it (safe corridors, Liu et al. 2017)."""
@@ -128,6 +145,14 @@ class MapRoutes:
             left[k] = False
             cells, apart = cells[left], apart[left]
         return ground.world(polygon)
+
+
+def _holds(polygon: Array, points: Array, apart: float) -> bool:
+    """True if a convex polygon, anticlockwise, holds points (n, 2), a distance from its sides."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    away = points[:, None] - polygon
+    depth = (edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0]) / np.maximum(np.hypot(*edges.T), 1e-300)
+    return bool(depth.min() >= apart)
 
 
 def _apart(cells: Array, one: Array, other: Array) -> Array:
@@ -259,8 +284,11 @@ def _band(free: Mask, begin: Index, end: Index) -> Mask | None:
     return band
 
 
-def _shortest(free: Mask, begin: Index, end: Index) -> Array | None:
-    """Shortest path over free cells from one to another, by their eight neighbours: (n, 2) columns and rows."""
+def _shortest(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array]:
+    """Shortest path over free cells from one to another, by their eight neighbours: (n, 2) columns and rows.
+
+    With it the length of that to the other one from each cell, cells.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -279,30 +307,67 @@ def _shortest(free: Mask, begin: Index, end: Index) -> Array | None:
     shape = len(cells), len(cells)
     graph = coo_array((length, (one.astype(np.intp), other.astype(np.intp))), shape=shape).tocsr()
     first, last = (int(np.searchsorted(cells, cell[1] * columns + cell[0])) for cell in (begin, end))
-    away, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
-    if not np.isfinite(away[last]):
-        return None
-    path = [last]
-    while path[-1] != first:
+    away, before = dijkstra(graph, directed=False, indices=last, return_predecessors=True)
+    left: Array = np.full(free.shape, np.inf, dtype=np.float32)
+    left[row, column] = away
+    if not np.isfinite(away[first]):
+        return None, left
+    path = [first]
+    while path[-1] != last:
         path.append(int(before[path[-1]]))
-    found: Array = np.stack([column[path], row[path]], axis=1)[::-1].astype(float)
-    return found
+    return np.stack([column[path], row[path]], axis=1).astype(float), left
 
 
-def _pulled(line: Array, free: Mask) -> Array:
-    """A polyline with fewer corners: from each the farthest place, in cells, that is seen over free ones."""
+def _beside(free: Mask, line: Array, reach: float) -> Mask:
+    """Free cells in blocks along a polyline and in those beside these, each as wide as a reach, cells."""
+    from scipy.ndimage import binary_dilation
+
+    side = max(1, round(reach))
+    blocks = np.zeros(tuple(count // side + 1 for count in free.shape), dtype=bool)
+    for one, other in pairwise(line):
+        count = ceil(2.0 * hypot(*(other - one)) / side) + 1
+        at = (one + np.linspace(0.0, 1.0, count)[:, None] * (other - one)) / side
+        column, row = np.clip(np.floor(at).astype(np.intp), 0, np.array(blocks.shape[::-1]) - 1).T
+        blocks[row, column] = True
+    wide = np.repeat(binary_dilation(blocks, np.ones((3, 3))), side, axis=0)[: len(free)]
+    return np.repeat(wide, side, axis=1)[:, : free.shape[1]] & free
+
+
+def _length(line: Array) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+def _route_over(ends: Array, path: Array, free: Mask) -> Array:
+    """A path over cells from one place to another, with as few corners as free cells allow."""
+    line = np.concatenate([ends[:1], path + 0.5, ends[1:]])
+    return _pulled(line, lambda one, other: _sees(line[one], line[other], free))
+
+
+def _pulled(line: Array, joins: Callable[[int, int], bool]) -> Array:
+    """A polyline with fewer corners: from each the farthest one, about, that a leg joins it to."""
     kept, here = [0], 0
     while here < len(line) - 1:
         low, step = here + 1, 1
-        while low + step < len(line) and _sees(line[here], line[low + step], free):
+        while low + step < len(line) and joins(here, low + step):
             low, step = low + step, 2 * step
         while step > 1:
             step //= 2
-            if low + step < len(line) and _sees(line[here], line[low + step], free):
+            if low + step < len(line) and joins(here, low + step):
                 low += step
         kept.append(low)
         here = low
     return line[kept]
+
+
+def straightened(line: Array, off: float) -> Array:
+    """Return a polyline, (n, 2) m, with fewer corners, that is off by no more than a distance, m."""
+
+    def joins(one: int, other: int) -> bool:
+        away, leg = line[one : other + 1] - line[one], line[other] - line[one]
+        share = np.clip(away @ leg / max(float(leg @ leg), 1e-300), 0.0, 1.0)
+        return float(np.hypot(*(away - share[:, None] * leg).T).max()) <= off
+
+    return _pulled(line, joins)
 
 
 def _sees(one: Array, other: Array, free: Mask) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Point, box
 from shapely.affinity import affine_transform
 
@@ -199,3 +200,32 @@ def test_a_door_that_is_too_narrow_is_told() -> None:
     assert not plan.certified
     assert plan.reason is not None
     assert "the widest passage is about 0.5 m wide, 0.1 m less than it takes" in plan.reason
+
+
+def test_a_vehicle_that_begins_with_its_back_to_the_goal_turns_where_there_is_room() -> None:
+    """The shortest way leads through a lane behind it, in which it cannot turn."""
+    cells = np.ones((120, 240), dtype=bool)
+    cells[50:70, 5:235] = False  # a lane, 1 m wide
+    cells[5:115, 140:235] = False  # and a hall ahead
+    ground = sp.OccupancyMap(cells, 0.05)
+    scenario = sp.Scenario(
+        vehicle={
+            "radius": 0.3,
+            "max_speed": 2.0,
+            "max_acceleration": 1.5,
+            "max_deceleration": 2.0,
+            "max_lateral_acceleration": 2.0,
+            "max_curvature": 1.5,
+        },
+        start={"time": 0.0, "position": [6.0, 3.0], "speed": 0.0, "heading": 0.0},
+        goal={"position": [1.0, 3.0]},
+        obstacles=[],
+        ground={"map": ground},
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    places = plan.position(np.linspace(0.0, plan.travel_time, 2000))
+    assert places[:, 0].max() > 7.3  # in the hall
+    rows, columns = np.nonzero(cells)
+    tree = cKDTree(0.05 * (np.stack([columns, rows], axis=1) + 0.5))
+    assert tree.query(places)[0].min() > 0.3  # from the middle of any cell
