@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scp_planner.online.plan import Outcome as Outcome
     from scp_planner.online.planner import Planner as Planner
     from scp_planner.online.predictor import Predictor as Predictor
+    from scp_planner.online.reasons import ReasonCode as ReasonCode
     from scp_planner.planning.meeting import Meeting as Meeting
     from scp_planner.planning.meeting import meeting as meeting
     from scp_planner.planning.offline import plan as plan
@@ -88,6 +89,7 @@ _MODULE_OF = {
     "OnlinePlan": "online.plan",
     "OnlineSettings": "settings.online",
     "Outcome": "online.plan",
+    "ReasonCode": "online.reasons",
     "Plan": "planning.plan",
     "PlanError": "errors",
     "PolygonShape": "scenario.shapes",

@@ -28,7 +28,7 @@ def save_scene(
 
     ``/scene``, ``foxglove.SceneUpdate``, at each replan: zones with the ids of their obstacles, the plan, the vehicle,
     and at first the walls; ``/tf``, ``foxglove.FrameTransform``, of the vehicle; ``/replan``, JSON: outcome, reason,
-    whether it is safe, and the wall time, s.
+    its code and obstacle, whether it is safe, and the wall time, s.
 
     Parameters
     ----------
@@ -72,7 +72,8 @@ def save_scene(
             gone = making.gone(names, stamp)
             scene.log(messages.SceneUpdate(deletions=gone, entities=entities), log_time=stamp)
             transform.log(making.transform(cycle, body, stamp), log_time=stamp)
-            told = {"outcome": cycle.outcome, "safe": cycle.safe, "reason": cycle.reason, "wall_time": cycle.wall_time}
+            told = {"outcome": cycle.outcome, "safe": cycle.safe, "code": cycle.code, "reason": cycle.reason}
+            told |= {"obstacle": cycle.obstacle, "wall_time": cycle.wall_time}
             replans.log(told, log_time=stamp)
 
 

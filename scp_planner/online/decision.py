@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
+from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason, ReasonCode
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
@@ -90,7 +91,7 @@ class Decision:
         if last is not None and last.outcome in AWAY:
             last = None
         if now.moment.lost:
-            return self._stopped(now, now.moment.lost)
+            return self._stopped(now, Reason(ReasonCode.BLOCKED, now.moment.lost))
         if moving is not None:
             self.arrival.move(moving, now.moment.state.time)
         arriving = self._arriving(now, last)
@@ -102,9 +103,9 @@ class Decision:
         if last is None or now.aimless:
             return self._anew(now, None, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal:
-            kept = self._means.vetting.vet_kept(now.moment, last.trip)
+            kept = self._means.kept(now, last)
             if kept is not None:
-                return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
+                return self._means.plan_of(kept, now, Outcome.KEPT)
         due = now.cycle - self._improved >= self._improve_every
         if not due and self._unfinished is None:
             kept = self._still_on(now, last)
@@ -117,6 +118,7 @@ class Decision:
         vetting = self._means.vetting
         kept = vetting.vet_on(now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
         now.lap("certificate")
+        self._means.consider(now, CandidateKind.LAST, last.trip, kept)
         return kept
 
     def _arriving(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan | None:
@@ -125,27 +127,26 @@ class Decision:
         front = state.heading if state.front is None else state.front
         there, moves = arrival.is_there(state.position, front), state.speed > STOPS.standing
         if there and last is not None and last.arrival_time > state.time and moves:
-            kept = means.vetting.vet_kept(now.moment, last.trip)
+            kept = means.kept(now, last)
             if kept is not None:
-                return means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
+                return means.plan_of(kept, now, Outcome.KEPT)
         arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
         if arrived or done:
-            why = "arrived" if arrived else "at the goal, with another speed or heading than it asks for"
-            stop = self._stopped(now, why)
+            stop = self._stopped(now, ARRIVED if arrived else OTHERWISE)
             if stop.safe or done or not moves:
-                return replace(stop, arrived=arrived and (stop.safe or not moves))
+                return stop
         if not moves or not arrival.is_to_stand or (last is not None and means.vetting.is_on(now.moment, last.trip)):
             return None
         gentle = arrival.braking_to_it(state, means.braking)
-        stop = means.stop_straight_on(now, means.braking if there else gentle, "the goal is near")
+        stop = means.stop_straight_on(now, means.braking if there else gentle, NEAR)
         x, y = stop.position(stop.arrival_time).tolist()
         ends = there or arrival.is_there((x, y), front)
         return stop if ends and stop.safe else None
 
-    def _stopped(self, now: Replan, why: str) -> OnlinePlan:
+    def _stopped(self, now: Replan, reason: Reason) -> OnlinePlan:
         """Stop straight on, or where that stays clear."""
-        stop = self._means.stop_straight_on(now, self._means.braking, why)
-        return stop if stop.safe else self._fallback.leave(now, f"{why}, where no stop stays clear") or stop
+        stop = self._means.stop_straight_on(now, self._means.braking, reason)
+        return stop if stop.safe else self._fallback.leave(now, reason) or stop
 
     def _anew(self, now: Replan, last: OnlinePlan | None, spare: OnlinePlan | None = None) -> OnlinePlan:
         """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by.
@@ -154,35 +155,32 @@ class Decision:
         """
         self._improved = now.cycle
         fresh, self._unfinished = Renewal(self._means, now, self._unfinished), None
-        best, why = self._improve(now, fresh, last)
+        best = self._improve(now, fresh, last)
         if isinstance(best, Refusal):
             kept = None if spare is None else self._still_on(now, spare)
             if kept is not None:
-                text = f"it can be left for a stop, until there is a plan to the goal: {best.why}"
-                return self._means.plan_of(kept, now, Outcome.KEPT, text)
-            plan = self._going_on(now, best.why) or self._fallback.fall_back(now, fresh, last, best)
+                return self._means.plan_of(kept, now, Outcome.KEPT)
+            plan = self._going_on(now) or self._fallback.fall_back(now, fresh, last, best)
             # A look that only begins finds nothing before the next replan.
             at_once = self._put_off and not plan.safe and (self._looks.under_way or not self._means.gives_way_late)
-            other, why = self._looked(now, fresh) if at_once else (None, "")
+            other = self._looked(now, fresh) if at_once else None
             if other is None:
                 return plan
             best = other
         later = last is not None and best.arrival > last.arrival_time + DECISION.slower
         if last is not None and (later or (last.certified and not best.certified)):
-            kept = self._means.vetting.vet_kept(now.moment, last.trip)
-            now.lap("certificate")
+            kept = self._means.kept(now, last)
             if kept is not None:
-                why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
-                return self._means.plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+                return self._means.plan_of(kept, now, Outcome.KEPT)
         if last is not None and best.trip is last.trip:
-            return self._means.plan_of(best, now, Outcome.KEPT, "it holds, and is improved at the next replan")
+            return self._means.plan_of(best, now, Outcome.KEPT)
         self._good_enough = best.feasible
-        return self._means.plan_of(best, now, Outcome.IMPROVED, why)
+        return self._means.plan_of(best, now, Outcome.IMPROVED)
 
-    def _going_on(self, now: Replan, why: str) -> OnlinePlan | None:
+    def _going_on(self, now: Replan) -> OnlinePlan | None:
         """Go on with a dodge that was begun, after a look at ways; None where that is not safe or dodges are due."""
         due = not self._takes_turns(now) or self._gone_on == DECISION.gone_on
-        plan = None if due else self._fallback.go_on(now, why)
+        plan = None if due else self._fallback.go_on(now)
         self._gone_on = 0 if plan is None else self._gone_on + 1
         return plan
 
@@ -209,35 +207,31 @@ class Decision:
     def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
         """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
         if self._looks.is_due(now, kept):
-            other, _ = self._looks.look(now, Renewal(self._means, now).loop, kept)
+            other = self._looks.look(now, Renewal(self._means, now).loop, kept)
             if other is not None:
-                return self._means.plan_of(other, now, Outcome.IMPROVED, "alternative route")
-        return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
+                return self._means.plan_of(other, now, Outcome.IMPROVED)
+        return self._means.plan_of(kept, now, Outcome.KEPT)
 
-    def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> tuple[Vetted | Refusal, str]:
+    def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> Vetted | Refusal:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
         if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
             if isinstance(found, Vetted):
                 self._put_off = False
-                return found, "the last plan, continued"
+                return found
             refusal, self._put_off = found, not self._put_off
             if self._put_off:
-                return refusal, ""
+                return refusal
         elif last is None and self._gone_on == DECISION.gone_on and self._takes_turns(now):
             self._put_off = True
-            return Refusal("no alternative route yet; the search resumes at the next replan"), ""
-        best, why = self._looked(now, fresh)
-        return (Refusal(refusal.why or why, refusal.room), "") if best is None else (best, why)
+            return refusal
+        return self._looked(now, fresh) or refusal
 
-    def _looked(self, now: Replan, fresh: Renewal) -> tuple[Vetted | None, str]:
-        """Look at other ways round, where that is due; and what that comes to, in words."""
+    def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
+        """Look at other ways round, where that is due."""
         self._put_off = False
-        if not self._looks_now(now):
-            return None, ""
-        best, said = self._looks.look(now, fresh.loop, None)
-        return best, said if best is None else "first plan" if now.last is None else "alternative route"
+        return self._looks.look(now, fresh.loop, None) if self._looks_now(now) else None
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip."""
@@ -259,7 +253,7 @@ class Decision:
         assert now.last is not None, "there is a last trip"
         run = self._run(now, loop, ahead)
         evaluation, steps = run.evaluation, len(run.record)
-        found = self._means.vet(now, loop.problem, evaluation.trajectory, evaluation, steps)
+        found = self._means.vet(now, CandidateKind.IMPROVED, loop.problem, evaluation.trajectory, evaluation, steps)
         finished = evaluation.limit_violation <= FEASIBILITY
         if finished or isinstance(found, Vetted) or -math.inf < found.room < 0.0:
             return found
@@ -269,7 +263,7 @@ class Decision:
             return kept
         run = self._run(now, loop, evaluation.trajectory)
         evaluation, steps = run.evaluation, steps + len(run.record)
-        return self._means.vet(now, loop.problem, evaluation.trajectory, evaluation, steps)
+        return self._means.vet(now, CandidateKind.IMPROVED, loop.problem, evaluation.trajectory, evaluation, steps)
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""

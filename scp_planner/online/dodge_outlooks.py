@@ -37,9 +37,7 @@ class Outlook:
     least: Array  # (C, J) Clearances, m; inf after the dodge is over
     room: Room  # From which zones
     clear: Array  # (C,)
-    leaves: Array  # (C,) From when on each keeps clear until it is over, s from now; inf for those that never do
-    now: Array  # (C,)
-    then: Array  # (C,)
+    then: Array  # (C,) Way to the goal that is left at its end, m
     worth: Array  # (C,)
 
 
@@ -113,8 +111,6 @@ class DodgeOutlooks:
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
         entered = until_over(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
-        last = np.where(entered.any(axis=1), entered.shape[1] - entered[:, ::-1].argmax(axis=1), 0)
-        leaves = np.append(driven.times, np.inf)[last]
         width = 2.0 * vehicle.radius
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
@@ -122,7 +118,7 @@ class DodgeOutlooks:
         counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
         worth = left[0] - left[1] - self._cost(time, judged.least / width, counted / width) * width
         worth -= WORTH.lost * self._way_lost(moment, driven)
-        return Outlook(least, room, clear, leaves, left[0], left[2], worth)
+        return Outlook(least, room, clear, left[2], worth)
 
     def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
         """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""

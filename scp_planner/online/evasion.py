@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
@@ -17,6 +17,7 @@ from scp_planner.online.dodges import BORDER, Dodges
 from scp_planner.online.expected_harm import HARM, harms_of_dodges, harms_of_trips
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
+from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
@@ -48,14 +49,8 @@ class Dodge:
 
     trip: Trip
     certificate: Certificate  # Up to when it is over
-    clear: float
-    leaves: float  # From when on it keeps clear until it is over, s from now, as far as samples tell; inf for never
-    lasts: bool
-    least: float  # The least clearance until then, m, as far as samples tell
-    blocked_by: str | None
-    threat: str | None
+    threat: str | None  # The obstacle in its way, or in that of what leads nearest to the goal
     moves: bool
-    nears: bool
 
     @property
     def safe(self) -> bool:
@@ -97,7 +92,7 @@ class Evasion:
     def safest(self, now: Replan) -> Dodge | None:
         """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much."""
         view = self._looked(now)
-        return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
+        return self._still_good(now) or self._first_safe(now, view.dodges, view.seen)
 
     def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
         """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops."""
@@ -114,6 +109,8 @@ class Evasion:
         braking = min(float(dodges.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
         harms, of_dodges = (each.no_harder_than(least, braking) for each in (trips, dodges))
         now.lap("evasion")
+        for each, harm in zip(others, trips.expected.tolist(), strict=True):
+            self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         if goes_on and EVASION.steady * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
@@ -128,11 +125,11 @@ class Evasion:
             stays = still & ((EVASION.steady * of_dodges <= of_dodges.min()) | good)
             good = stays if stays.any() else good
         number = int(np.where(good, view.seen.worth, -np.inf).argmax())
-        return self._made(moment, view.dodges, view.seen, number)
+        return self._made(now, view.dodges, view.seen, number, float(of_dodges[number]))
 
     def as_dodge(self, now: Replan, stop: Stop) -> Dodge:
         """Return a stop that is being driven as a dodge."""
-        return self._gone_on_with(now.moment, self._seen_of(now, stop), stop)
+        return self._gone_on_with(now, self._seen_of(now, stop), stop)
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
         view = self._looked(now)
@@ -145,7 +142,7 @@ class Evasion:
         view = self._looked(now)
         if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
             return None
-        found = self._gone_on_with(now.moment, view.going_on, view.begun)
+        found = self._gone_on_with(now, view.going_on, view.begun)
         return found if found.safe else None
 
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
@@ -155,7 +152,7 @@ class Evasion:
         best = view.seen.worth.max(where=np.isinf(view.seen.clear), initial=-np.inf)
         if view.going_on.worth[0] <= max(best - EVASION.alike * 2.0 * now.moment.scenario.vehicle.radius, least):
             return None
-        found = self._gone_on_with(now.moment, view.going_on, view.begun)
+        found = self._gone_on_with(now, view.going_on, view.begun)
         now.lap("certificate")
         return found if found.safe else None
 
@@ -166,8 +163,10 @@ class Evasion:
         stop = Stop(last.trip, last.trip.frame.time)
         return stop if stop.stands > moment.state.time else None
 
-    def _gone_on_with(self, moment: Moment, seen: Outlook, stop: Stop) -> Dodge:
+    def _gone_on_with(self, now: Replan, seen: Outlook, stop: Stop) -> Dodge:
+        moment = now.moment
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        self._means.consider(now, CandidateKind.EVASION, stop.trip, certificate, float(seen.worth[0]))
         return self._dodge(moment, seen, 0, stop.trip, certificate)
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
@@ -183,13 +182,13 @@ class Evasion:
         if not (better & np.isinf(seen.clear)).any():
             return None
         seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
-        return self._first_safe(now, moment, view.dodges, seen, seen.worth)
+        return self._first_safe(now, view.dodges, seen)
 
-    def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: Outlook, worth: Array) -> Dodge | None:
-        """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""
+    def _first_safe(self, now: Replan, dodges: Dodges, seen: Outlook) -> Dodge | None:
+        """The certified one that is worth most; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
-        for number in clear[np.argsort(-worth[clear], kind="stable")][: EVASION.tried].tolist():
-            found = self._made(moment, dodges, seen, number)
+        for number in clear[np.argsort(-seen.worth[clear], kind="stable")][: EVASION.tried].tolist():
+            found = self._made(now, dodges, seen, number)
             now.lap("certificate")
             if found.safe:
                 return found
@@ -250,9 +249,10 @@ class Evasion:
     def _soon(self, moment: Moment) -> float:
         return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
-    def _made(self, moment: Moment, dodges: Dodges, seen: Outlook, number: int) -> Dodge:
-        trip = dodges.trip(number, moment.frame)
+    def _made(self, now: Replan, dodges: Dodges, seen: Outlook, number: int, severity: float | None = None) -> Dodge:
+        moment, trip = now.moment, dodges.trip(number, now.moment.frame)
         certificate = self._means.vetting.certify_stop(moment, Stop(trip, trip.frame.time), None)
+        self._means.consider(now, CandidateKind.EVASION, trip, certificate, float(seen.worth[number]), severity)
         return self._dodge(moment, seen, number, trip, certificate)
 
     def _dodge(self, moment: Moment, seen: Outlook, number: int, trip: Trip, certificate: Certificate) -> Dodge:
@@ -261,14 +261,8 @@ class Evasion:
         return Dodge(
             trip,
             certificate,
-            float(seen.clear[number]),
-            float(seen.leaves[number]),
-            bool(seen.clear[number] > self._soon(moment)),
-            float(seen.least[number].min()),
-            self._blocked_by(moment, seen, number),
-            self._threat(moment, seen, number),
+            self._blocked_by(moment, seen, number) or self._threat(moment, seen, number),
             bool(speeds.max() > STOPS.standing),
-            bool(seen.then[number] < seen.now[number]),
         )
 
     @staticmethod

@@ -13,6 +13,7 @@ from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
+from scp_planner.online.reasons import CandidateKind, Reason
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STOPS, fits
 from scp_planner.online.tolerances import TIME
@@ -24,8 +25,6 @@ from scp_planner.trips.trip import Trip
 
 @dataclass(frozen=True)
 class FallbackParameters:
-    # Shares of the time in which samples of a dodge are clear, for which it is tried to certify it
-    parts: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
     # Shares of the planned acceleration that are tried to repair a plan; the rest is braking
     easings: tuple[float, ...] = (0.4, 0.0)
     # Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower
@@ -35,14 +34,13 @@ class FallbackParameters:
 
 
 FALLBACK = FallbackParameters()
-NO_TIME = "no search for routes in this replan"
 
 
 class Fallback:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._evasion = Evasion(means)
-        self._does = ""  # what the last dodge does, in words
+        self._whom: str | None = None  # for which obstacle the last evasive manoeuvre was
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal, s."""
@@ -51,65 +49,59 @@ class Fallback:
     def fall_back(self, now: Replan, fresh: Renewal, last: OnlinePlan | None, refusal: Refusal) -> OnlinePlan:
         """Keep the last plan, or drive its path slower, or brake."""
         moment = now.moment
-        why = refusal.why or NO_TIME
         if last is not None:
-            kept = self._means.vetting.vet_kept(moment, last.trip)
-            if kept is not None:
-                return self._means.plan_of(kept, now, Outcome.KEPT, f"nothing better was found: {why}")
-            if last.stop is not None:
+            kept = self._means.kept(now, last)
+            if kept is None and last.stop is not None:
                 kept = self._means.vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
-                if kept is not None:
-                    return self._means.plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
+                self._means.consider(now, CandidateKind.LAST, last.trip, kept)
+            if kept is not None:
+                return self._means.plan_of(kept, now, Outcome.KEPT)
         deep = -np.inf < refusal.room < -FALLBACK.deep * moment.scenario.vehicle.radius
         if last is not None and fresh.ahead is not None and not deep:
             repaired = self._repair(now, fresh.problem, fresh.ahead)
             if repaired is not None:
-                return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
-        return self._give_way(now, fresh, why)
+                return self._means.plan_of(repaired, now, Outcome.REPAIRED)
+        return self._give_way(now, fresh)
 
-    def go_on(self, now: Replan, why: str) -> OnlinePlan | None:
+    def go_on(self, now: Replan) -> OnlinePlan | None:
         """Go on with the dodge that was begun, without a look at any other; None if that is not certified."""
         begun = self._evasion.begun(now)
         if begun is None or now.last is None:
             return None
         certificate = self._means.vetting.certify_stop(now.moment, begun, now.moment.state.time)
         now.lap("certificate")
+        self._means.consider(now, CandidateKind.EVASION, begun.trip, certificate)
         if not certificate.holds:
             return None
         whole = Stop(begun.trip, begun.trip.frame.time + begun.trip.trajectory.travel_time)
-        text = f"{self._does}, as before: {why or NO_TIME}"
-        return self._means.plan_of(Vetted(begun.trip, certificate, whole, 0.0), now, now.last.outcome, text)
+        return self._means.plan_of(Vetted(begun.trip, certificate, whole, 0.0), now, now.last.outcome, self._whom)
 
-    def leave(self, now: Replan, why: str) -> OnlinePlan | None:
+    def leave(self, now: Replan, reason: Reason | None = None) -> OnlinePlan | None:
         """Get out of the way along a certified manoeuvre; None if none is certified."""
         dodge = self._evasion.safest(now) or self._evasion.going_on(now)
-        return None if dodge is None else self._dodging(now, dodge, why)
+        return None if dodge is None else self._dodging(now, dodge, reason)
 
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
         """Get out of the way where that is clearly better than a plan that would do."""
         dodge = self._evasion.sooner(now, plan.trip)
-        if dodge is None:
-            return plan
-        return self._dodging(now, dodge, "it keeps more clearance than the plan")
+        return plan if dodge is None else self._dodging(now, dodge)
 
-    def _dodging(self, now: Replan, dodge: Dodge, why: str) -> OnlinePlan:
+    def _dodging(self, now: Replan, dodge: Dodge, reason: Reason | None = None) -> OnlinePlan:
         stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
-        self._does = _what(dodge)
-        text = f"{self._does}: {why}{'' if dodge.moves else '; the vehicle stands'}"
-        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
+        self._whom, vetted = dodge.threat, Vetted(dodge.trip, dodge.certificate, stop, 0.0)
+        return self._means.plan_of(vetted, now, dodge.outcome, dodge.threat, reason)
 
-    def _give_way(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
+    def _give_way(self, now: Replan, fresh: Renewal) -> OnlinePlan:
         """Get out of the way, or stand where that is as safe; or else do what does least harm."""
-        safe = self.leave(now, why)
+        safe = self.leave(now)
         if safe is not None:
             return safe
         promised = self._as_promised(now)
         if promised is not None:
-            text = f"{why}; the last plan's stop continues"
-            return self._means.plan_of(promised, now, Outcome.BRAKING, text)
-        return self._least_harmful(now, fresh, why)
+            return self._means.plan_of(promised, now, Outcome.BRAKING)
+        return self._least_harmful(now, fresh)
 
-    def _least_harmful(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
+    def _least_harmful(self, now: Replan, fresh: Renewal) -> OnlinePlan:
         begun, others = self._evasion.begun(now), self._goes_on(now)
         for trip in () if now.moment.state.speed <= STOPS.standing else self._stops(now, fresh):
             stop = Stop(trip, trip.frame.time)
@@ -121,30 +113,24 @@ class Fallback:
         goes_on = begun is not None and least.trip is begun.trip
         dodge = self._evasion.as_dodge(now, begun) if begun is not None and goes_on else least
         if isinstance(dodge, Stop):
-            return self._harmful(now, dodge, why)
+            return self._harmful(now, dodge)
         if dodge.safe:  # it was none of those that were tried to certify
-            return self._dodging(now, dodge, why)
-        text = f"{_what(dodge)} as before: {why}; nothing is safe, and no new candidate has lower expected severity"
-        if not goes_on:
-            text = f"{why}; nothing is safe, this has the lowest expected severity: {self._what_holds(now, dodge)}"
-        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text)
+            return self._dodging(now, dodge)
+        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, dodge.threat)
 
-    def _harmful(self, now: Replan, stop: Stop, why: str) -> OnlinePlan:
-        """The plan of the last trip, which is not safe, or of a stop, and what is wrong with it."""
+    def _harmful(self, now: Replan, stop: Stop) -> OnlinePlan:
+        """The plan of the last trip, which is not safe, or of a stop."""
         moment, trip = now.moment, stop.trip
         since = moment.state.time if trip.frame.time < moment.state.time else None
         certificate = moment.certify(
             trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
         )
         now.lap("certificate")
-        harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
-        if now.last is not None and trip is now.last.trip:
-            text = f"goes on: {why}; nothing is safe, and no candidate has lower expected severity: {harm}"
-            return self._means.plan_of(Vetted(trip, replace(certificate, holds=False), None), now, Outcome.KEPT, text)
-        text = f"{why}; no stop is certified, this has the lowest expected severity: {harm}"
-        if certificate.holds:
-            text = f"{why}; the stop is certified until the vehicle stands; a moving obstacle may still reach it"
-        return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
+        failed, goes_on = replace(certificate, holds=False), now.last is not None and trip is now.last.trip
+        self._means.consider(now, CandidateKind.LAST if goes_on else CandidateKind.STOP, trip, failed)
+        if goes_on:
+            return self._means.plan_of(Vetted(trip, failed, None), now, Outcome.KEPT)
+        return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING)
 
     def _goes_on(self, now: Replan) -> list[Stop]:
         begun, last = self._evasion.begun(now), now.last
@@ -164,6 +150,7 @@ class Fallback:
         if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
             return None
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        self._means.consider(now, CandidateKind.STOP, stop.trip, certificate)
         # From now on it is this stop that is driven, up to its end.
         whole = Stop(stop.trip, stop.trip.frame.time + stop.trip.trajectory.travel_time)
         return Vetted(stop.trip, certificate, whole, 0.0) if certificate.holds else None
@@ -178,31 +165,12 @@ class Fallback:
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             # Driven slower, where the last trip was to be left says little.
-            vetted = self._means.vet(now, problem, trial, branch=np.inf)
+            vetted = self._means.vet(now, CandidateKind.SLOWER, problem, trial, branch=np.inf)
             if isinstance(vetted, Vetted):
                 return vetted
             if -np.inf < vetted.room < -FALLBACK.hopeless * now.moment.scenario.vehicle.radius:
                 return None
         return None
-
-    def _what_holds(self, now: Replan, dodge: Dodge) -> str:
-        moment, begin, unit = now.moment, now.moment.state.time, self._means.units.time
-        whom = dodge.threat or "the border"
-        stop = Stop(dodge.trip, dodge.trip.frame.time)
-        if 0.0 < dodge.clear < np.inf:
-            for share in FALLBACK.parts:
-                if now.late:
-                    break
-                until = begin + share * dodge.clear
-                certificate = moment.certify(
-                    dodge.trip, since=begin, until=until, ends=Ends.START, motions=self._means.vetting.motions
-                )
-                if certificate.holds:
-                    return f"certified to keep clear for {share * dodge.clear * unit:.3g} s, then comes near to {whom}"
-        elif 0.0 < dodge.leaves < stop.stands - begin and not now.late:
-            if self._means.vetting.certify_stop(moment, stop, begin + dodge.leaves).holds:
-                return f"near to {whom} now, certified to keep clear from {dodge.leaves * unit:.3g} s from now on"
-        return f"comes near to {whom}"
 
     def _stops(self, now: Replan, fresh: Renewal) -> Iterator[Trip]:
         moment = now.moment
@@ -216,16 +184,3 @@ class Fallback:
             if fits(along):
                 yield Trip(fresh.problem.frame, along)
         yield straight_stop(moment.state, self._means.braking, self._means.settings, self._means.breakpoints)
-
-
-def _what(dodge: Dodge) -> str:
-    whom = dodge.blocked_by or dodge.threat
-    nears = "nears the goal as far as is safe" if dodge.safe else "nears the goal"
-    if whom is None:
-        # Nobody is in the way: it is how the vehicle stands, in the room that there is, or who is far ahead.
-        if not dodge.moves:
-            return "waits, as no trip leads on from where it stands"
-        return nears if dodge.nears else "moves to where it is safer"
-    if not dodge.moves:
-        return f"waits for {whom}"
-    return f"{nears}, behind {whom}" if dodge.nears else f"gives way to {whom}"

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from time import perf_counter
 
 from scp_planner.online.means import REPLAN, Means, Replan
+from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STOPS
-from scp_planner.online.vetting import Refusal, Vetted
+from scp_planner.online.vetting import Vetted
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
@@ -117,7 +118,7 @@ class Looks:
             self._look_time *= LOOKS.time_decay
         return in_time
 
-    def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
+    def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> Vetted | None:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         began, problem, first = perf_counter(), loop.problem, now.aimless
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
@@ -132,12 +133,12 @@ class Looks:
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else LOOKS.nearly_clear
-        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
+        found = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
         if (first and not now.late) or look.over or (found is not None and found.violation <= LOOKS.nearly_clear):
             self._look = None
         if now.last is not None:
             self._look_time = max(LOOKS.time_decay * self._look_time, perf_counter() - began)
-        return found, said
+        return found
 
     def _spared(self, now: Replan, any_will_do: bool) -> int:
         if not any_will_do:
@@ -146,15 +147,14 @@ class Looks:
 
     def _try_ways(
         self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
-    ) -> tuple[Vetted | None, str]:
-        """Go on with a look; return the first way that is clear and fast enough, or."""
+    ) -> Vetted | None:
+        """Go on with a look; return the first way that is clear and fast enough, or else one that may become so."""
         problem, first = loop.problem, now.aimless
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
         left = most * self._means.online.first_runs
         if not first:
             left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
         spare: Vetted | None = None
-        said = "no route was found"
         while left > 0 and perf_counter() <= now.deadline:
             if look.trip is None and not self._begins(now, look):
                 break
@@ -167,20 +167,19 @@ class Looks:
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
             )
             if (clear and faster) or hopeful:
-                vetted = self._means.vet(now, problem, evaluation.trajectory, evaluation, look.steps)
+                kind = CandidateKind.ROUTE
+                vetted = self._means.vet(now, kind, problem, evaluation.trajectory, evaluation, look.steps)
                 ended = ended or clear
-                if isinstance(vetted, Refusal):
-                    said = vetted.why
-                elif clear and not first:
-                    return vetted, ""
-                elif clear or spare is None:
+                if isinstance(vetted, Vetted) and clear and not first:
+                    return vetted
+                if isinstance(vetted, Vetted) and (clear or spare is None):
                     spare = vetted
                     look.cutoff = cutoff = vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
                 if not first:
                     break
-        return spare, said
+        return spare
 
     def _begins(self, now: Replan, look: Look) -> bool:
         """Turn to the next way; whether to go on with it at once: the search is work enough for most replans."""

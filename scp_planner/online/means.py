@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Following
@@ -18,6 +19,16 @@ from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
+from scp_planner.online.reasons import (
+    Candidate,
+    CandidateKind,
+    Facts,
+    Goes,
+    Reason,
+    ReasonCode,
+    passes_after,
+    reason_of,
+)
 from scp_planner.online.remaining import State, _guide_from, bounds_round, remaining_trip
 from scp_planner.online.stops import STOPS
 from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
@@ -58,6 +69,7 @@ class ReplanParameters:
 
 
 REPLAN = ReplanParameters()
+_GOES = {Outcome.REPAIRED: Goes.SLOWER, Outcome.EVADING: Goes.ASIDE, Outcome.BRAKING: Goes.STOPS}
 
 
 @dataclass
@@ -72,6 +84,7 @@ class Replan:
     timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
     aimless: bool = False  # No plan so far leads to the goal
+    candidates: dict[int, Candidate] = field(default_factory=dict)  # What was looked at so far, by the ids of trips
 
     @property
     def late(self) -> bool:
@@ -188,6 +201,7 @@ class Means:
     def vet(
         self,
         now: Replan,
+        kind: CandidateKind,
         problem: Problem,
         trajectory: Trajectory,
         evaluation: Any = None,
@@ -201,7 +215,34 @@ class Means:
             branch = math.inf if now.last is None else now.last.branch_time
         vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
+        trip = vetted.trip if isinstance(vetted, Vetted) else Trip(problem.frame, trajectory)
+        self.consider(now, kind, trip, vetted)
         return vetted
+
+    def consider(
+        self,
+        now: Replan,
+        kind: CandidateKind,
+        trip: Trip,
+        found: Vetted | Certificate | Refusal | None,
+        worth: float | None = None,
+        severity: float | None = None,
+    ) -> None:
+        """Note a candidate, and what the safety gate found; of one that was noted before, the newest."""
+        gate = found.why if isinstance(found, Refusal) else found.certificate if isinstance(found, Vetted) else found
+        safe = isinstance(found, Vetted) or (isinstance(found, Certificate) and found.holds)
+        noted = Candidate(kind, trip, safe, gate or "it no longer holds", self.units)
+        before = now.candidates.pop(id(trip), noted)
+        worth = before.worth if worth is None else worth * self.units.length
+        severity = before.severity if severity is None else severity
+        now.candidates[id(trip)] = replace(noted, worth=worth, severity=severity)
+
+    def kept(self, now: Replan, last: OnlinePlan) -> Vetted | None:
+        """The last plan as it is, if it is certified to its end from now on."""
+        kept = self.vetting.vet_kept(now.moment, last.trip)
+        now.lap("certificate")
+        self.consider(now, CandidateKind.LAST, last.trip, kept)
+        return kept
 
     def starts(
         self,
@@ -222,29 +263,31 @@ class Means:
             for bow in bows(problem):
                 yield Trip(problem.frame, bow)
 
-    def stop_straight_on(self, now: Replan, braking: Braking, why: str) -> OnlinePlan:
+    def stop_straight_on(self, now: Replan, braking: Braking, reason: Reason) -> OnlinePlan:
         """Return the plan to stop straight ahead from the reported state, or to stand there."""
         moment, state = now.moment, now.moment.state
         trip = straight_stop(state, braking, self.settings, self.breakpoints)
-        stop, does = Stop(trip, trip.frame.time), "stands" if state.speed <= STOPS.standing else "comes to a stop"
+        stop = Stop(trip, trip.frame.time)
         certificate = self.vetting.certify_stop(moment, stop, None)
-        return self.plan_of(
-            Vetted(trip, certificate, stop if certificate.holds else None),
-            now,
-            Outcome.BRAKING,
-            f"{why}; the vehicle {does}",
-        )
+        self.consider(now, CandidateKind.STOP, trip, certificate)
+        vetted = Vetted(trip, certificate, stop if certificate.holds else None)
+        return self.plan_of(vetted, now, Outcome.BRAKING, reason=reason)
 
-    def plan_of(self, vetted: Vetted, now: Replan, outcome: Outcome, why: str) -> OnlinePlan:
-        """Return a plan of what may be driven."""
+    def plan_of(
+        self, vetted: Vetted, now: Replan, outcome: Outcome, whom: str | None = None, reason: Reason | None = None
+    ) -> OnlinePlan:
+        """Return a plan of what is driven, for an obstacle, and for a reason if that is known."""
         if vetted.certified and outcome is not Outcome.BRAKING:
             status = PlanStatus.CERTIFIED
         else:
             status = PlanStatus.FEASIBLE if vetted.feasible else PlanStatus.INFEASIBLE
+        safe = status is PlanStatus.CERTIFIED or vetted.stop is not None
+        if reason is None or (not safe and (reason.code is not ReasonCode.ARRIVED or _moves(now))):
+            reason = self._reason(vetted, now, outcome, whom, safe)
         return OnlinePlan(
             scenario=self.given.name,
             status=status,
-            reason=why,
+            reason=reason.sentence,
             trip=vetted.trip,
             method="scp",
             solver=self.solver.name,
@@ -256,7 +299,36 @@ class Means:
             outcome=outcome,
             stop=None if vetted.stop is None else vetted.stop.trip,
             branch_time=math.inf if vetted.stop is None else vetted.stop.branch,
+            code=reason.code,
+            obstacle=reason.obstacle,
+            lasts=reason.lasts,
+            candidates=tuple(
+                replace(each, chosen=True) if each.inside is vetted.trip else each for each in now.candidates.values()
+            ),
         )
+
+    def _reason(self, vetted: Vetted, now: Replan, outcome: Outcome, whom: str | None, safe: bool) -> Reason:
+        moment, unit = now.moment, self.units.time
+        looked = any(each.kind in (CandidateKind.IMPROVED, CandidateKind.ROUTE) for each in now.candidates.values())
+        if whom is None:
+            near = vetted.certificate.clearance.obstacle if outcome is Outcome.REPAIRED else None
+            whom = next((each.obstacle for each in vetted.certificate.violations if each.obstacle), near)
+        passes = None if whom is None else passes_after(moment.batch, whom, self.given.vehicle.max_speed)
+        return reason_of(
+            Facts(
+                safe,
+                not _moves(now),
+                _GOES.get(outcome, Goes.ON),
+                whom,
+                None if passes is None else passes * unit,
+                (vetted.arrival - moment.state.time) * unit,
+                looked or not now.late,
+            )
+        )
+
+
+def _moves(now: Replan) -> bool:
+    return now.moment.state.speed > STOPS.standing
 
 
 def _breakpoints(spans: int, ramped: bool) -> tuple[float, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from scp_planner.certificate.verdict import uses_outside
+from scp_planner.online.reasons import Candidate, ReasonCode
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.trips.trip import Trip
@@ -34,7 +35,7 @@ AWAY = (Outcome.BRAKING, Outcome.EVADING)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OnlinePlan(Plan):
-    """A plan of :class:`Planner`. ``reason`` tells in words what came about, and why.
+    """A plan of :class:`Planner`. ``reason`` is one sentence, for an operator.
 
     Attributes
     ----------
@@ -44,14 +45,33 @@ class OnlinePlan(Plan):
         trip itself where that is such a stop.
     branch_time : float
         Absolute time up to which the stop is driven like the plan, s.
-    arrived : bool
-        Whether the vehicle is at its goal, so that there is nothing left to drive.
+    code : ReasonCode
+        Kind of the reason.
+    obstacle : str or None
+        Id of the obstacle that it is for.
+    lasts : float or None
+        For how long it is likely to hold, s; None if that is not known.
+    candidates : tuple of Candidate
+        What was looked at in this replan, in this order; not saved.
     """
 
     outcome: Outcome = Outcome.IMPROVED
     stop: Trip | None = None
     branch_time: float = math.inf
-    arrived: bool = False
+    code: ReasonCode = ReasonCode.DRIVING
+    obstacle: str | None = None
+    lasts: float | None = None
+    candidates: tuple[Candidate, ...] = field(default=(), repr=False)
+
+    @property
+    def arrived(self) -> bool:
+        """True if the vehicle is at its goal, so that there is nothing left to drive."""
+        return self.code is ReasonCode.ARRIVED
+
+    @property
+    def explanation(self) -> str:
+        """The reason, and a line for each candidate."""
+        return "\n".join([self.reason or "", *map(str, self.candidates)])
 
     def outside(self, units: NaturalUnits) -> OnlinePlan:
         """Return a plan in the units of its scene in SI units."""

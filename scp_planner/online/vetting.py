@@ -193,18 +193,18 @@ class Vetted:
 class Refusal:
     """Why a trip may not be driven."""
 
-    why: str  # In words
+    why: Certificate | str
     room: float = math.inf
 
 
 @dataclass
 class _Tried:
-    refused: str = ""
+    refused: Certificate | str = ""
     otherwise: str = ""
     room: float = math.inf
 
     @property
-    def why(self) -> str:
+    def why(self) -> Certificate | str:
         """Why none of those that were tried to certify will do; or why none was."""
         return self.refused or self.otherwise
 
@@ -239,18 +239,17 @@ class Vetting:
         """Certify a trip that begins now, or at least a stop from it."""
         trip = Trip(problem.frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
-        why, broken = "", math.inf
+        broken = math.inf
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):
             certificate = now.certify(trip, motions=self.motions)
             if certificate.holds:
                 return Vetted(trip, certificate, None, violation, iterations)
-            why = _violations(certificate.outside(self.units))
             if not self.stops_will_do:
-                return Refusal(why)
+                return Refusal(certificate)
             broken = min((one.time for one in certificate.violations), default=math.inf)
         found = self._stop(now, trip, branch, broken)
         if isinstance(found, Refusal):
-            return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part), found.room)
+            return found
         stop, certificate = found
         return Vetted(trip, certificate, stop, violation, iterations)
 
@@ -279,13 +278,13 @@ class Vetting:
             if left is None:
                 continue
             if left[1] >= broken:
-                tried.refused = tried.refused or "none leaves it before that"
+                tried.refused = tried.refused or "no stop leaves it before that"
                 continue
             made = Stop(*left)
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
-            tried.refused = _violations(certificate.outside(self.units))
+            tried.refused = certificate
             broken = min([broken, *(one.time for one in certificate.violations if one.time < made.branch)])
         return Refusal(tried.why, tried.room)
 
@@ -311,7 +310,7 @@ class Vetting:
         if np.isneginf(tried.room):
             tried.otherwise = "the goal is nearer than the distance to stop in"
         else:
-            tried.otherwise = "none stays clear for long enough" if self.wait > 0.0 else "none keeps clear"
+            tried.otherwise = "no stop from it keeps clear"
         for index in order[: VETTING.stops_tried]:
             if room[index] >= 0.0:
                 yield int(spans[index])
@@ -402,7 +401,3 @@ class Vetting:
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """True if the reported state is that of a trip, within the tolerances of the follower."""
         return self.following.allows(now.deviation(trip))
-
-
-def _violations(certificate: Certificate) -> str:
-    return "; ".join(str(violation) for violation in certificate.violations)

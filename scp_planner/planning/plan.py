@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
     from scp_planner.tracking.error_tube import TrackingTube
 
-_WORK = ("wall_time", "timings", "planned")
+_WORK = ("wall_time", "timings", "planned", "candidates")
 """Fields about the making of a plan, not about the plan."""
 
 

@@ -92,6 +92,9 @@ class Cycle:
     truth: tuple[tuple[str, tuple[float, float]], ...]
     clearance: float  # Least distance to a true obstacle up to the next cycle, m; inf without any
     wall_time: float = field(default=0.0, compare=False)
+    code: str = ""  # Kind of the reason
+    obstacle: str | None = None  # That it is for
+    lasts: float | None = None  # For how long it is likely to hold, s
 
 
 def record_to_dict(record: Cycle) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.reasons import ReasonCode
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Obstacle, Scenario
@@ -254,7 +255,7 @@ def plan_to_dict(plan: Plan) -> dict[str, Any]:
     data = plan.to_dict(samples=21)
     data["wall_time"] = 0.0  # not the same in two runs
     if isinstance(plan, OnlinePlan):
-        data["outcome"] = str(plan.outcome)
+        data.update(outcome=str(plan.outcome), code=str(plan.code), obstacle=plan.obstacle, lasts=plan.lasts)
     return data
 
 
@@ -263,7 +264,9 @@ def plan_from_dict(data: dict[str, Any], name: str) -> Plan:
     if "outcome" not in data:
         return plan
     fields = {key: getattr(plan, key) for key in Plan.__dataclass_fields__}
-    return OnlinePlan(**fields, outcome=Outcome(data["outcome"]))
+    told = {key: data[key] for key in ("obstacle", "lasts") if key in data}
+    code = ReasonCode(data.get("code", ReasonCode.DRIVING))
+    return OnlinePlan(**fields, outcome=Outcome(data["outcome"]), code=code, **told)
 
 
 def shape_from_dict(data: dict[str, Any]) -> Shape:

@@ -17,6 +17,7 @@ import scp_planner as sp
 from scp_planner.online import decision
 from scp_planner.online.plan import Outcome
 from scp_planner.online.planner import Planner
+from scp_planner.online.reasons import CandidateKind, ReasonCode
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.settings.online import OnlineSettings, Safety
 from verification.dense_check import check_trip
@@ -27,7 +28,9 @@ pytestmark = pytest.mark.numerics
 def test_first_plan_is_certified_and_says_so() -> None:
     scenario = scene(*CROSSERS)
     plan = begin(Planner(scenario), scenario)
-    assert plan.outcome is Outcome.IMPROVED and plan.reason == "first plan"
+    assert plan.outcome is Outcome.IMPROVED and plan.code is ReasonCode.DRIVING
+    assert plan.lasts == pytest.approx(plan.travel_time)
+    assert [(each.kind, each.chosen) for each in plan.candidates] == [(CandidateKind.ROUTE, True)]
     assert plan.certified and plan.safe and plan.stop is None
     # The loop of a replan is coarser than that of a plan, but not by much.
     assert plan.travel_time == pytest.approx(sp.plan(scenario).travel_time, rel=0.02)
@@ -60,8 +63,8 @@ def test_last_plan_is_kept_while_its_certificate_holds(near_goal: bool) -> None:
         kept = follow(planner, time)
         assert kept.certified
     assert kept.trip.frame.time < time or near_goal
-    assert kept.reason is not None
-    assert kept.reason == "the goal is near" if near_goal else kept.reason.startswith("it holds, and is ")
+    (chosen,) = (each for each in kept.candidates if each.chosen)
+    assert chosen.kind is CandidateKind.LAST and chosen.safe and not chosen.verdict and str(chosen) in kept.explanation
 
 
 def test_vehicle_brakes_before_what_blocks_its_way_and_goes_on_when_it_is_gone() -> None:
@@ -78,7 +81,8 @@ def test_vehicle_brakes_before_what_blocks_its_way_and_goes_on_when_it_is_gone()
         outcomes.append(plan.outcome)
         assert plan.safe and plan.reason
     assert outcomes[-1] is Outcome.BRAKING and not plan.certified
-    assert plan.reason is not None and plan.reason.endswith("the vehicle stands")
+    assert plan.code is ReasonCode.BLOCKED and plan.obstacle == "post" and plan.lasts is None
+    assert plan.reason == "post blocks the way to the goal; the vehicle stands."
     assert np.linalg.norm(plan.position(time + 3.0) - (post, 0.0)) >= 0.9 + scenario.vehicle.radius
     planner.remove_obstacle("post")
     plans = [follow(planner, time + k * PERIOD) for k in range(31, 42)]
@@ -96,8 +100,9 @@ def test_least_bad_stop_is_driven_where_none_is_certified() -> None:
     planner.add_obstacle({"id": "wall", "shape": WALL, "motion": {"position": [position[0] + 1.5, 0.0]}})
     plan = follow(planner, 1.0)
     assert plan.outcome is Outcome.BRAKING and not plan.safe and not plan.certified
-    assert plan.reason is not None
-    assert "no stop is certified, this has the lowest expected severity: clearance to wall" in plan.reason
+    assert plan.code is ReasonCode.NOTHING_SAFE and plan.obstacle == "wall"
+    assert sum(each.chosen for each in plan.candidates) == 1 and not any(each.safe for each in plan.candidates)
+    assert any("clearance to wall" in each.verdict for each in plan.candidates)
     # It brakes as hard as it may.
     assert float(plan.speed(1.0 + 0.5)) == pytest.approx(3.0 - 0.5 * scenario.vehicle.max_deceleration, abs=0.05)
 
@@ -115,7 +120,7 @@ def test_planner_says_so_after_arrival() -> None:
     planner = Planner(scenario)
     plan = begin(planner, scenario)
     plan = planner.replan(plan.arrival_time, scenario.goal.position, 0.0, 2.0)
-    assert plan.reason == "arrived; the vehicle comes to a stop" and plan.outcome is Outcome.BRAKING
+    assert plan.code is ReasonCode.ARRIVED and plan.outcome is Outcome.BRAKING
     assert plan.arrived and not begin(Planner(scenario), scenario).arrived
 
 
@@ -162,8 +167,8 @@ def test_a_faster_way_is_found_when_it_opens() -> None:
     planner = Planner(scenario)
     before = begin(planner, scenario).arrival_time
     planner.remove_obstacle("p1")
-    reasons = [follow(planner, k * PERIOD).reason for k in range(1, 2 * planner.online.look_every)]
-    assert "alternative route" in reasons
+    plans = [follow(planner, k * PERIOD) for k in range(1, 2 * planner.online.look_every)]
+    assert any(each.chosen and each.kind is CandidateKind.ROUTE for plan in plans for each in plan.candidates)
     assert planner.plan is not None and planner.plan.arrival_time < before - 0.1
 
 
@@ -263,7 +268,7 @@ def test_path_is_driven_slower_where_that_is_all_that_helps() -> None:
     planner.add_obstacle(disc("crosser", tuple(meeting - 5.0 * np.array([0.0, 1.0])), (0.0, 1.0), radius=0.4))
     plan = follow(planner, 1.0)
     assert plan.outcome is Outcome.REPAIRED and plan.certified
-    assert plan.reason is not None and "clearance to crosser" in plan.reason
+    assert plan.code is ReasonCode.GIVING_WAY and plan.obstacle == "crosser"
     path, driven = first.position(np.linspace(1.0, 7.0, 500)), plan.position(np.linspace(1.0, plan.arrival_time, 50))
     apart = np.linalg.norm(driven[:, None] - path, axis=2).min(axis=1)
     assert apart[driven[:, 0] < path[-1, 0]].max() < 0.02
