@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Model as Model
     from scp_planner.scenario.models import Observations as Observations
     from scp_planner.scenario.models import Obstacle as Obstacle
+    from scp_planner.scenario.models import Passage as Passage
     from scp_planner.scenario.models import Scenario as Scenario
     from scp_planner.scenario.models import SpeedLimit as SpeedLimit
     from scp_planner.scenario.models import Start as Start
@@ -85,6 +86,7 @@ _MODULE_OF = {
     "Motion": "scenario.motions",
     "Observations": "scenario.models",
     "Obstacle": "scenario.models",
+    "Passage": "scenario.models",
     "OccupancyMap": "mathematics.occupancy",
     "OnlinePlan": "online.plan",
     "OnlineSettings": "settings.online",

@@ -14,6 +14,7 @@ from scp_planner.certificate.clearance import Kept, VehicleDisc, least_clearance
 from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
+from scp_planner.certificate.passing import passes_of, places_missed
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
@@ -143,6 +144,9 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     pieces = checked.first_pieces(precision)
     enclosure = checked.enclosed(pieces)
     violations = list(ends_broken(checked, ends))
+    if Ends.GOAL in ends and checked.scenario.goals:
+        found = passes_of(checked.trip, checked.scenario, checked.absolute(checked.first))
+        violations += places_missed(found, checked.scenario)
     findings = limits_found(checked, limits, pieces, enclosure)
     violations += [violation for finding in findings.values() for violation in finding.violations]
     uses = {name: finding.use for name, finding in findings.items()}

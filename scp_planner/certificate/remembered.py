@@ -75,6 +75,7 @@ class KeptMotion:
             and checked.tube is None  # the discs are without one
             and mine.vehicle is other.vehicle
             and mine.goal is other.goal
+            and mine.goals is other.goals
             and mine.bounds is other.bounds
             and mine.speed_limits is other.speed_limits
             and all(limit.line is not None for limit in mine.speed_limits)

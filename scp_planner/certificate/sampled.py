@@ -18,6 +18,7 @@ from scp_planner.certificate.ends import (
     sets_out_backwards,
     start_violations,
 )
+from scp_planner.certificate.passing import passes, places_missed
 from scp_planner.certificate.sampled_pieces import Parts, PieceVelocities, first_parts
 from scp_planner.certificate.tolerances import (
     END_TOLERANCE,
@@ -124,6 +125,8 @@ class _SampledCheck:
                 first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
         backwards = sets_out_backwards(self.scenario, first)
         self.violations += start_violations(self.scenario, first)
+        found = passes(motion.at, first.time, last.time, self.scenario)
+        self.violations += places_missed(found, self.scenario)
         self.violations += goal_violations(self.scenario, last, first.time, backwards)
         beside = beside_corridor(self.scenario, first.time, first.position, first.heading)
         self.violations += [] if beside is None else [beside]

@@ -68,6 +68,7 @@ class LimitUse:
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
 OFF_STEP = "arrival off the step"
+PASSED = "distance from goals"
 BEYOND_ZONES = "arrival beyond what is known of observed obstacles"
 INSTANTS = (EARLIEST, LATEST, BEYOND_ZONES)  # what is said of these are times, not durations
 UNITS = {
@@ -78,6 +79,7 @@ UNITS = {
     "distance from the start": "m",
     "distance from the goal": "m",
     "distance from the goal region": "m",
+    PASSED: "m",
     OFF_STEP: "s",
     "goal speed": "m/s",
     "total_acceleration": "m/s2",

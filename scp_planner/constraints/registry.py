@@ -14,6 +14,7 @@ from scp_planner.constraints.drive import top_speed
 from scp_planner.constraints.goals import goal_speed, open_goal
 from scp_planner.constraints.jerk import jerk
 from scp_planner.constraints.lateral import lateral_acceleration
+from scp_planner.constraints.passing import passing
 from scp_planner.constraints.power import power
 from scp_planner.constraints.setup import Setup
 from scp_planner.constraints.speed_limits import speed_limits
@@ -30,6 +31,7 @@ CONSTRAINTS: dict[str, Maker] = {
     "goal speed": goal_speed,
     "earliest arrival": earliest_arrival,
     "goal": open_goal,
+    "goals": passing,
     "speed_limits": speed_limits,
     "jerk": jerk,
     "curvature_rate": curvature_rate,

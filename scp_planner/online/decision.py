@@ -124,6 +124,8 @@ class Decision:
     def _arriving(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan | None:
         """Drive on to the goal, or stop at it from the reported state; None where that is not due, or not certified."""
         state, arrival, means = now.moment.state, self.arrival, self._means
+        if means.given.goals:
+            return None
         front = state.heading if state.front is None else state.front
         there, moves = arrival.is_there(state.position, front), state.speed > STOPS.standing
         if there and last is not None and last.arrival_time > state.time and moves:

@@ -18,7 +18,7 @@ from scp_planner.online.means import Means
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Box, Limits
-from scp_planner.scenario.models import Steering, Vehicle
+from scp_planner.scenario.models import Scenario, Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances
 from scp_planner.trips.trip import Trip
@@ -147,11 +147,11 @@ class DodgeOutlooks:
 
     def _way_from(self, moment: Moment, frame: PlanningFrame, position: Array, heading: Array) -> Array:
         scenario, tightest = moment.scenario, self.tightest(moment)
-        vehicle, goal = scenario.vehicle, frame.to_frame(np.array(scenario.goal.position))
+        vehicle, (goal, radius) = scenario.vehicle, _next_place(scenario, frame)
         if vehicle.steering is not Steering.BOTH_WAYS:
-            return way_left(position, heading, goal, tightest, scenario.goal.radius)
+            return way_left(position, heading, goal, tightest, radius)
         turning_back = 0.5 * vehicle.max_speed**2 * (1.0 / vehicle.max_acceleration + 1.0 / vehicle.max_deceleration)
-        return way_left_both_ways(position, heading, goal, tightest, scenario.goal.radius, turning_back)
+        return way_left_both_ways(position, heading, goal, tightest, radius, turning_back)
 
     def _lost_by_going_on(self, moment: Moment, trip: Trip) -> float:
         """By how much more the vehicle drives, m, as a trip goes on in one direction."""
@@ -160,8 +160,8 @@ class DodgeOutlooks:
         points, _ = trip.at(np.array([moment.state.time]))
         place, direction = points.path.position, points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0])
-        goal = trip.frame.to_frame(np.array(moment.scenario.goal.position))
-        onward = way_left(place, heading, goal, self.tightest(moment), moment.scenario.goal.radius)
+        goal, radius = _next_place(moment.scenario, trip.frame)
+        onward = way_left(place, heading, goal, self.tightest(moment), radius)
         return float((onward - self._way_from(moment, trip.frame, place, heading))[0])
 
     def _cost(self, time: Array, near: Array, counted: Array) -> Array:
@@ -243,3 +243,9 @@ def until_over(near: Array, driven: Driven) -> Array:
     found = np.where(over, np.inf, near)
     found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
     return found
+
+
+def _next_place(scenario: Scenario, frame: PlanningFrame) -> tuple[Array, float]:
+    """The place, (2,) m in a frame, that is to be passed next, or the goal, and its radius, m."""
+    place = next(iter(scenario.goals), scenario.goal)
+    return frame.to_frame(np.array(place.position)), place.radius or 0.0

@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from scp_planner.arrays import Array
+from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
-from scp_planner.online.following import Following
+from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal
@@ -31,6 +33,7 @@ from scp_planner.online.reasons import (
 )
 from scp_planner.online.remaining import State, _guide_from, bounds_round, remaining_trip
 from scp_planner.online.stops import STOPS
+from scp_planner.online.tolerances import OFF
 from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.offline import GETS_AWAY
 from scp_planner.planning.plan import PlanStatus
@@ -135,6 +138,24 @@ class Means:
         if online.foresight is not None:
             self._foresight = online.foresight
 
+    def drop_passed(self, state: State, before: State | None, last: OnlinePlan | None) -> None:
+        """Forget the places that have been passed, as reported or on the last plan since the last state."""
+        given, ahead = self.given, state.heading or 0.0
+        if not given.goals:
+            return
+
+        def here(times: Array) -> tuple[Array, Array]:
+            shape = len(times), 2
+            return np.full(shape, state.position), np.full(shape, (math.cos(ahead), math.sin(ahead)))
+
+        found = [passes(here, state.time, state.time, given)]
+        if last is not None and before is not None:
+            if Deviation.of(state, last.trip, given.vehicle).distance <= self.following.largest + OFF:
+                found.append(passes_of(last.trip, given, before.time))
+        count = max(sum(one.passed and one.time <= state.time for one in some) for some in found)
+        if count:
+            self.given = changed(given, goals=given.goals[count:])
+
     def moment(self, state: State, last: OnlinePlan | None) -> Moment:
         """Return a moment at a state, with all that has been observed, and the goal where the last plan may meet it."""
         self.inbox.take_in(replanning=True)
@@ -176,6 +197,9 @@ class Means:
             changes["bounds"] = bounds_round(self.given.bounds, vehicle, state)
         if self.given.guide is not None:
             changes["guide"] = _guide_from(self.given.guide, state.position)
+        elif self.given.goals:
+            places = (one.position for one in self.given.goals)
+            changes["guide"] = (state.position, *places, self.given.goal.position)
         return self.given.model_copy(update=changes)
 
     def least_time(self, scenario: Scenario) -> float:

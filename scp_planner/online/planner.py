@@ -28,7 +28,7 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
-from scp_planner.scenario.models import Goal, Scenario, Steering
+from scp_planner.scenario.models import Goal, Passage, Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.underway import Underway
@@ -138,9 +138,19 @@ class Planner(Perception):
         following = Following.of(scenario.vehicle, self._online, self._tube)
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
-        given = anchored(scenario.model_copy(update={"vehicle": following.vehicle, "goal": in_time}))
+        passed = [
+            one.model_copy(update={"radius": one.within(scenario.vehicle), "latest_arrival": None})
+            for one in scenario.goals
+        ]
+        changes = {"vehicle": following.vehicle, "goal": in_time, "goals": tuple(passed)}
+        given = anchored(scenario.model_copy(update=changes))
         means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver)
-        self.given, self._means, self._decision = given, means, Decision(means)
+        self._means, self._decision = means, Decision(means)
+
+    @property
+    def given(self) -> Scenario:
+        """Return the scenario that is planned for, in units of the scene, with the places that are left to pass."""
+        return self._means.given
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles have all but what listens."""
@@ -164,7 +174,12 @@ class Planner(Perception):
         """The zones that the last plan was made with: with the planner's margin."""
         return tuple(zone.outside(self._units) for zone in self._zones)
 
-    def set_goal(self, goal: Goal | Mapping[str, Any], guide: ArrayLike | None = None) -> None:
+    def set_goal(
+        self,
+        goal: Goal | Mapping[str, Any],
+        guide: ArrayLike | None = None,
+        goals: Sequence[Passage | Mapping[str, Any]] = (),
+    ) -> None:
         """Drive to another goal from the next replan on; tracks, the plan and its certified stop are kept.
 
         Parameters
@@ -173,13 +188,15 @@ class Planner(Perception):
             As in a scenario.
         guide : (n, 2), optional
             m, from about where the vehicle is to the goal; the last one leads to the last goal and is dropped.
+        goals : sequence of Passage or mapping
+            Places to pass before it, in place of those that are left.
 
         Raises
         ------
         ScenarioError
             With all that is wrong with it; then nothing has changed.
         """
-        self._change("set_goal", goal=goal, guide=guide)
+        self._change("set_goal", goal=goal, guide=guide, goals=list(goals))
 
     def set_limits(self, **limits: Any) -> None:
         """Drive within other limits of the vehicle from the next replan on.
@@ -233,7 +250,9 @@ class Planner(Perception):
             self._check_known(call, name)
         seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id == name]
         try:
-            asked: Scenario = Underway(**{**dict(self._asked), "start": start, "obstacles": seen, **changes})
+            left = self._asked.goals[len(self._asked.goals) - len(self.given.goals) :]
+            now = {"start": start, "obstacles": seen, "goals": left}
+            asked: Scenario = Underway(**{**dict(self._asked), **now, **changes})
         except ScenarioError as error:
             raise ScenarioError(call, error.faults) from None
         asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))
@@ -307,6 +326,7 @@ class Planner(Perception):
             end = began + deadline - self._online.reserve - min(self._overrun, REPLAN.most_kept_back * deadline)
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
+            self._means.drop_passed(state, self._state, self._last)
             now = Replan(self._means.moment(state, self._last), began, end, self._last, self._cycle, clock=began)
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
@@ -429,7 +449,8 @@ class Planner(Perception):
     def at_goal(self, position: ArrayLike) -> bool:
         """True if a position, (2,) m, is within the goal's radius and the tolerance of arrival.
 
-        That is ``online.arrival_tolerance`` and the tracking error. ``plan.arrived`` says whether speed and heading are
-        those of the goal, too.
+        That is ``online.arrival_tolerance`` and the tracking error. False while a place is left to pass.
+        ``plan.arrived`` says whether speed and heading are those of the goal, too.
         """
-        return self._decision.arrival.is_there(self._units.place(_point("position", position)))
+        there = self._decision.arrival.is_there(self._units.place(_point("position", position)))
+        return there and not self.given.goals

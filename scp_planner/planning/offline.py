@@ -20,6 +20,7 @@ from scp_planner.planning.last_resorts import MoreEffort, StricterLimits
 from scp_planner.planning.legs import may_have_legs, plan_of_legs
 from scp_planner.planning.meeting_search import MeetingSearch
 from scp_planner.planning.over_map import plan_over_map
+from scp_planner.planning.over_places import plan_over_places
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
@@ -140,6 +141,12 @@ def planned(
     """
     began = perf_counter()
     settings = settings or Settings()
+    if scenario.goals and scenario.guide is None:
+
+        def guided(one: Scenario, left: float | None) -> Plan:
+            return planned(one, settings, solver, left, constraints, thorough=thorough, threat_zones=threat_zones)
+
+        return plan_over_places(scenario, settings, guided, time_limit)
     if constraints is not None and solver is None and settings.solver == Settings.solver:
         solver = "cvxpy"
     if isinstance(solver, str):

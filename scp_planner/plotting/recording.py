@@ -280,6 +280,7 @@ def scene_of(scenario: Scenario) -> dict[str, Any]:
         "discs": vehicle.discs,
         "goal": goal.position,
         "goal_radius": goal.radius,
+        "places": tuple(one.position for one in scenario.goals),
         "goal_region": None if goal.region is None else np.array(goal.region),
         "bounds": None if bounds is None else (bounds.min, bounds.max),
         "corridor": tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ()),

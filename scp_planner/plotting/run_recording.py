@@ -46,7 +46,10 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
     speed = np.interp(time, run.time, run.speed)
     acceleration, curvature = _driven(run)
     vehicle = run.scenario.vehicle
-    goals = dict.fromkeys(each.goal.position for each in (run.scenario, *run.changes))
+    given, last = (run.scenario, *run.changes), run.last_scenario
+    places = dict.fromkeys(
+        place for each in given for place in (*(one.position for one in each.goals), each.goal.position)
+    )
     own_heading = np.interp(time, run.time, np.unwrap(run.heading))
     return Recording(
         facts=_facts(run),
@@ -67,8 +70,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             speed_limit_at(run.scenario, position),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
-        **scene_of(_where_it_ended(run)),
-        places=tuple(place for place in goals if place != run.last_scenario.goal.position),
+        **scene_of(_where_it_ended(run)) | {"places": tuple(one for one in places if one != last.goal.position)},
         replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import pi, remainder, sqrt
 
@@ -15,6 +16,7 @@ from scp_planner.mathematics.tolerances import ANGLE_DECIMALS, DECIMALS
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.places import anchored
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 from scp_planner.trips.path import Path
@@ -67,6 +69,37 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
         return StraightGuide(distance - short)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
     return _smoothed(_shortened(shortest, short), radius, settings)
+
+
+def over_places(scenario: Scenario, legs: Sequence[Array]) -> tuple[Scenario, ...]:
+    """Return a scenario with guides that lead over its places to pass, along polylines, (n, 2) m, between them.
+
+    The first is the polyline. Where that turns sharply at a place, another one passes it in the middle of the turn,
+    along arcs that the vehicle can drive: some such trips bend less, others come better round the corner.
+    """
+    start, goal, bend = scenario.start, scenario.goal, scenario.vehicle.max_curvature
+    straight = [leg[0] for leg in legs] + [legs[-1][-1]]
+    leaves = [float(np.arctan2(*(leg[1] - leg[0])[::-1])) for leg in legs]
+    comes = [float(np.arctan2(*(leg[-1] - leg[-2])[::-1])) for leg in legs]
+    halfway = list[float | None]()
+    for one, before, after in zip(scenario.goals, comes, leaves[1:], strict=False):
+        half = 0.5 * remainder(after - before, 2.0 * pi)
+        given = None if one.heading_range is None else 0.5 * (one.heading_range[0] + one.heading_range[1])
+        halfway.append(before + half if given is None and abs(half) > 0.5 * STEEPEST else given)
+    ends = [start.heading, *halfway, goal.heading]
+    line = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+    lines = {tuple((x, y) for x, y in line.tolist()): None}
+    if bend is not None and any(heading is not None for heading in halfway):
+        arcs = [straight[0][None]]
+        for leg, first, last in zip(legs, ends, ends[1:], strict=False):
+            turned = (first is not None or last is not None) and len(leg) == 2
+            (begin, end) = ((x, y) for x, y in leg[[0, -1]].tolist())
+            poses = Pose(begin, first), Pose(end, last)
+            arcs.append(shortest_path(*poses, ROOM_TO_TURN / bend)[1:-1] if turned else leg[1:-1])
+            arcs.append(leg[-1:])
+        lines[tuple((x, y) for x, y in np.concatenate(arcs).tolist())] = None
+    fixed = anchored(scenario)
+    return tuple(fixed.model_copy(update={"guide": line}) for line in lines)
 
 
 def bend_radius(points: Array, limits: Limits, speed: float) -> float:

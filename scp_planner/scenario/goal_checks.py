@@ -49,6 +49,35 @@ def goal_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
         yield Objection(("goal", "speed_range", 0), given[0], text)
 
 
+def places_can_be_passed(scenario: Any) -> Iterator[Objection]:
+    """Places to pass differ from those before and after, can be reached in the bounds, and lead ahead."""
+    if not scenario.goals:
+        return
+    vehicle, bounds = scenario.vehicle, scenario.bounds
+    for why, given in (
+        ("the goal has a target", scenario.goal.target),
+        ("there is a map; give the way over it as walls", scenario.ground),
+        ("the vehicle drives backwards (vehicle.reverse)", vehicle.reverse),
+        ("the vehicle turns on the spot (vehicle.max_turn_rate)", vehicle.max_turn_rate),
+    ):
+        if given is not None:
+            yield Objection(("goals",), len(scenario.goals), f"must be empty where {why}")
+    places = [scenario.start.position, *(one.position for one in scenario.goals), scenario.goal.position]
+    for i, one in enumerate(scenario.goals):
+        if same_place(places[i], one.position) or (i + 1 == len(scenario.goals) and same_place(*places[i + 1 :])):
+            yield Objection(("goals", i, "position"), one.position, "must differ from the places before and after it")
+        if one.latest_arrival is not None and one.latest_arrival <= scenario.start.time:
+            text = f"must be later than start.time, {scenario.start.time:g} s"
+            yield Objection(("goals", i, "latest_arrival"), one.latest_arrival, text)
+        if bounds is None:
+            continue
+        sides = zip(one.position, bounds.min, bounds.max, strict=True)
+        inside = [min(max(value, low + vehicle.radius), high - vehicle.radius) for value, low, high in sides]
+        if math.dist(inside, one.position) > one.within(vehicle):
+            text = f"must be at most {one.within(vehicle):g} m, its radius, from where the bounds let the vehicle be"
+            yield Objection(("goals", i, "position"), one.position, text)
+
+
 def arrival_is_possible(goal: Any) -> Iterator[Objection]:
     """The latest arrival is not before the earliest one."""
     earliest, latest = goal.earliest_arrival, goal.latest_arrival
@@ -77,7 +106,7 @@ def goal_is_told_once(goal: Any) -> Iterator[Objection]:
 def ranges_are_not_empty(goal: Any) -> Iterator[Objection]:
     """A range's first value is not above its second one."""
     for key in ("heading_range", "speed_range"):
-        given = getattr(goal, key)
+        given = getattr(goal, key, None)
         if given is not None and given[1] < given[0]:
             yield Objection((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
 

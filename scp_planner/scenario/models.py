@@ -194,6 +194,30 @@ class Goal(Part):
     )
 
 
+class Passage(Part):
+    """Place to pass on the way to the goal, at any speed."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (goal_checks.arrival_is_possible, goal_checks.ranges_are_not_empty)
+
+    position: OfNumbers[Vector] = Field(description="[x, y], m")
+    radius: Positive | None = Field(
+        default=None, description="how near to it the reference point comes, m; null: the vehicle's radius"
+    )
+    heading_range: TakenAs[tuple[Number, Number] | None, Numbers | None] = by_default(
+        None, description="[least, largest] heading there, rad, to the left from the least one; null: any"
+    )
+    earliest_arrival: Number | None = Field(
+        default=None, description="it is passed not before this time, s on the clock of start.time; null: any"
+    )
+    latest_arrival: Number | None = Field(
+        default=None, description="and not after this time, s on the clock of start.time; null: any"
+    )
+
+    def within(self, vehicle: Vehicle) -> float:
+        """Return how near to it a vehicle has to come, m."""
+        return vehicle.radius if self.radius is None else self.radius
+
+
 class Bounds(Part):
     """The box, along the axes, that the vehicle's disc stays inside."""
 
@@ -281,6 +305,7 @@ class Scenario(Part):
         checks.start_acceleration_is_allowed,
         checks.start_is_in_bounds,
         checks.goal_is_in_bounds,
+        goal_checks.places_can_be_passed,
         checks.guide_begins_at_start,
         checks.guide_ends_at_goal,
         checks.guide_moves_on,
@@ -309,6 +334,9 @@ class Scenario(Part):
     vehicle: OfParts[Vehicle]
     start: OfParts[Start]
     goal: OfParts[Goal]
+    goals: TakenAs[Row[Passage], Sequence[Passage | Mapping[str, Any]]] = by_default(
+        (), description="places to pass on the way to the goal, in this order; without a guide the path leads over them"
+    )
     guide: TakenAs[
         Annotated[Polyline | None, BeforeValidator(_sampled)], Numbers | Callable[[float], Numbers] | None
     ] = by_default(

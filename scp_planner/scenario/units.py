@@ -20,7 +20,18 @@ from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
     from scp_planner.scenario.estimates import Estimate
-    from scp_planner.scenario.models import Goal, Model, Obstacle, Prior, Reverse, Scenario, SpeedLimit, Start, Vehicle
+    from scp_planner.scenario.models import (
+        Goal,
+        Model,
+        Obstacle,
+        Passage,
+        Prior,
+        Reverse,
+        Scenario,
+        SpeedLimit,
+        Start,
+        Vehicle,
+    )
     from scp_planner.scenario.motions import Futures, GivenMotion, Motion
     from scp_planner.scenario.shapes import PolygonShape, Shape
     from scp_planner.scenario.targets import Target
@@ -66,6 +77,7 @@ class NaturalUnits(Units):
             vehicle=self._vehicle(scenario.vehicle),
             start=self._start(scenario.start),
             goal=self._goal(scenario.goal),
+            goals=tuple(map(self._passage, scenario.goals)),
             guide=self._line(scenario.guide),
             bounds=None
             if scenario.bounds is None
@@ -197,6 +209,15 @@ class NaturalUnits(Units):
             arrival_step=over(goal.arrival_step, self.time),
             earliest_arrival=None if goal.earliest_arrival is None else self.instant(goal.earliest_arrival),
             latest_arrival=None if goal.latest_arrival is None else self.instant(goal.latest_arrival),
+        )
+
+    def _passage(self, one: Passage) -> Passage:
+        return changed(
+            one,
+            position=self.place(one.position),
+            radius=over(one.radius, self.length),
+            earliest_arrival=None if one.earliest_arrival is None else self.instant(one.earliest_arrival),
+            latest_arrival=None if one.latest_arrival is None else self.instant(one.latest_arrival),
         )
 
     def _target(self, target: Target) -> Target:

@@ -90,6 +90,13 @@ class SampledMotion:
             _woven(first, second),
         )
 
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities at times, (n,) s, of the motion: (n, 2) m and m/s."""
+        piece = np.minimum(np.searchsorted(self.end, times), len(self.end) - 1)
+        elapsed = (times - self.anchor[piece])[:, None]
+        changed = elapsed * self.acceleration[piece]
+        return self.position[piece] + elapsed * (self.velocity[piece] + 0.5 * changed), self.velocity[piece] + changed
+
     def velocity_at(self, piece: Index, time: Array) -> Array:
         """Velocities at times (n,) of pieces (n,), (n, 2) m/s."""
         elapsed = (time - self.anchor[piece])[:, None]

@@ -1,0 +1,103 @@
+"""Places to pass on the way: instants, one after the other, at which a motion is within the radius of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
+from scp_planner.certificate.tolerances import END_TOLERANCE, ROUNDING
+from scp_planner.certificate.verdict import PASSED, Violation
+from scp_planner.scenario.models import Passage, Scenario
+from scp_planner.trips.trip import Trip
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Instants of a motion that are looked at: one that serves is proof enough."""
+
+    samples: int = 2001  # for each place; round the nearest one an instant is narrowed down
+    thirds: int = 60  # times that a third of an interval is left out
+
+
+LOOKS = Looks()
+
+Motion = Callable[[Array], tuple[Array, Array]]
+"""World coordinates, (n, 2), and velocities or directions, (n, 2), at absolute times, (n,)."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """The first instant at which a place is passed; the nearest one of a place that is not."""
+
+    time: float
+    distance: float
+    passed: bool
+
+
+def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tuple[Pass, ...]:
+    """Pass the places of a scenario between two times; the last pass may be one of a place that is missed."""
+    found = list[Pass]()
+    for one in scenario.goals:
+        first = begin if one.earliest_arrival is None else one.earliest_arrival
+        last = end if one.latest_arrival is None else one.latest_arrival
+        times = np.linspace(min(max(first, begin), end), max(min(last, end), begin), LOOKS.samples)
+        radius = one.within(scenario.vehicle)
+        away, ahead = _seen(motion, one, times)
+        within = np.flatnonzero(ahead & (away <= radius))
+        if len(within):
+            k = int(within[0])
+            found.append(Pass(float(times[k]), float(away[k]), first <= times[k] <= last))
+        else:
+            k = int(np.argmin(away))
+            low, high = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
+            time = _nearest(motion, one, float(low), float(high))
+            near, turned = _seen(motion, one, np.array([time]))
+            passed = bool(turned[0]) and near[0] <= radius + END_TOLERANCE and first <= time <= last
+            found.append(Pass(time, float(near[0]), passed))
+        if not found[-1].passed:
+            break
+        begin = found[-1].time
+    return tuple(found)
+
+
+def passes_of(trip: Trip, scenario: Scenario, since: float | None = None) -> tuple[Pass, ...]:
+    """Pass the places of a scenario on a trip, from an absolute time on, s."""
+    begin, end = trip.frame.time, trip.frame.time + trip.trajectory.travel_time
+    begin = begin if since is None else min(max(begin, since), end)
+
+    def motion(times: Array) -> tuple[Array, Array]:
+        points, _ = trip.at(times)
+        return trip.frame.to_world(points.path.position), trip.frame.vectors_to_world(points.path.direction)
+
+    return passes(motion, begin, end, scenario)
+
+
+def places_missed(found: Sequence[Pass], scenario: Scenario) -> Iterator[Violation]:
+    """Yield the violation of the first place that is not passed after those before it, in its heading and time."""
+    for k, one in enumerate(found):
+        if not one.passed:
+            yield Violation(f"{PASSED}[{k}]", one.distance, scenario.goals[k].within(scenario.vehicle), one.time)
+
+
+def _seen(motion: Motion, one: Passage, times: Array) -> tuple[Array, Mask]:
+    """Distances from a place at times, (n,) m, and whether the heading there is one that it asks for."""
+    position, direction = motion(times)
+    away: Array = np.hypot(*(position - one.position).T)
+    if one.heading_range is None:
+        return away, np.ones(len(times), dtype=np.bool_)
+    low, high = one.heading_range
+    turn = np.arctan2(direction[:, 1], direction[:, 0]) - 0.5 * (low + high)
+    turn -= 2.0 * pi * np.round(turn / (2.0 * pi))
+    return away, np.abs(turn) <= 0.5 * (high - low) + ROUNDING
+
+
+def _nearest(motion: Motion, one: Passage, low: float, high: float) -> float:
+    for _ in range(LOOKS.thirds):
+        third = (high - low) / 3.0
+        left, right = _seen(motion, one, np.array([low + third, high - third]))[0].tolist()
+        low, high = (low, high - third) if left <= right else (low + third, high)
+    return 0.5 * (low + high)
