@@ -214,6 +214,8 @@ class AlongGuide(Attempt[TripSearch, ScpRun]):
 
 def drive_along(guide: Guide, problem: Problem, *, steady: bool = False) -> SpeedProfile:
     """Return the fastest drive along a guide within the limits at each bend, or everywhere at the tightest."""
+    if problem.profile is not None and not steady:
+        return problem.profile
     limits, stations = problem.limits, np.linspace(0.0, guide.length, ALONG.stations + 1)
     with np.errstate(divide="ignore"):
         allowed = np.minimum(limits.speed, np.sqrt(limits.lateral_acceleration / np.abs(guide.curvature(stations))))

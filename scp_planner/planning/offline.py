@@ -12,7 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import ground_bound, kinematic_bound
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.along_routes import OtherRoutes, Routes, along_a_guide, guide_on
+from scp_planner.planning.along_routes import AlongGuide, OtherRoutes, Routes, along_a_guide, guide_on
 from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
@@ -247,6 +247,8 @@ class _Call:
 def attempts(search: TripSearch, routes: Routes | None, along: bool) -> Iterator[Attempt[TripSearch, ScpRun]]:
     """Yield the attempts of a plan, in order; which ones follow, and what they may cost, depends on those before."""
     yield from along_a_guide(search.runs) if along else ways_round(search.runs)
+    if not along and search.runs.problem.profile is not None:
+        yield AlongGuide()
     if routes is not None:
         yield OtherRoutes(routes, search.runs.most_ways)
     if search.task.given is None:
