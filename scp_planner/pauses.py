@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from time import perf_counter
 from typing import TypeAlias, TypeVar
 
@@ -12,6 +12,8 @@ GoOn: TypeAlias = Callable[[], None]
 IN_A_ROW = 16  # of many things, until it is asked whether to go on: work on fewer of them is never ended
 
 T = TypeVar("T")
+Steps: TypeAlias = Generator[None, None, T]
+"""Work in small pieces, and what comes of it."""
 
 
 class OutOfTimeError(Exception):
@@ -22,6 +24,16 @@ def look_at_the_clock(deadline: float) -> None:
     """Give up work that is late."""
     if perf_counter() > deadline:
         raise OutOfTimeError
+
+
+def all_at_once(steps: Steps[T]) -> T:
+    """Do all of some work; return what comes of it."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: T = end.value
+            return found
 
 
 def with_pauses(things: Iterable[T], go_on: GoOn | None) -> Iterator[T]:

@@ -11,8 +11,9 @@ from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
-from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason, ReasonCode
+from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason
 from scp_planner.online.stops import STOPS
+from scp_planner.online.tolerances import TIME
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.linearisation import TrustRegion
@@ -90,8 +91,8 @@ class Decision:
         last, moving = now.last, now.moment.moving
         if last is not None and last.outcome in AWAY:
             last = None
-        if now.moment.lost:
-            return self._stopped(now, Reason(ReasonCode.BLOCKED, now.moment.lost))
+        if now.moment.lost is not None:
+            return self._stopped(now, now.moment.lost)
         if moving is not None:
             self.arrival.move(moving, now.moment.state.time)
         arriving = self._arriving(now, last)
@@ -133,6 +134,8 @@ class Decision:
             if kept is not None:
                 return means.plan_of(kept, now, Outcome.KEPT)
         arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
+        if now.moment.onward:  # from where it ends, so that it is to be driven to its end
+            arrived &= done or (last is not None and last.arrival_time <= state.time + TIME)
         if arrived or done:
             stop = self._stopped(now, ARRIVED if arrived else OTHERWISE)
             if stop.safe or done or not moves:

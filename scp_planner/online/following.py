@@ -40,9 +40,14 @@ class Deviation:
         return cls(math.dist(place, state.position), abs(state.speed - float(points.speed[0])), heading)
 
 
+def larger(vehicle: Vehicle, tube: TrackingTube | None) -> Vehicle:
+    """Return a vehicle larger by what it may be off when it stands."""
+    return vehicle if tube is None else vehicle.model_copy(update={"radius": vehicle.radius + tube.standing})
+
+
 @dataclass(frozen=True)
 class Following:
-    vehicle: Vehicle  # Larger by what it may be off when it stands
+    vehicle: Vehicle  # As `larger` makes it
     largest: float  # The most that it may be off, m
     speed: float | None = None  # The most that its speed may be off, m/s; None: what `allows` derives
     heading: float | None = None  # The most that its heading may be off, rad; None: what `allows` derives
@@ -53,9 +58,8 @@ class Following:
         """Return how a vehicle follows by its settings, or in a tube in place of their tracking error."""
         if tube is None:
             return cls(vehicle, online.tracking_error, online.speed_error, online.heading_error)
-        larger = vehicle.model_copy(update={"radius": vehicle.radius + tube.standing})
         within = replace(tube, standing=0.0)
-        return cls(larger, tube.bound(vehicle), online.speed_error, online.heading_error, within)
+        return cls(vehicle, tube.bound(vehicle), online.speed_error, online.heading_error, within)
 
     @property
     def room(self) -> float:

@@ -115,7 +115,9 @@ class Means:
         following: Following,
         units: NaturalUnits,
         solver: QpSolver,
+        onward: bool = False,
     ) -> None:
+        self.onward = onward
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
         # Headings are those of driving: the middle is on the other side while the front is behind
@@ -163,7 +165,7 @@ class Means:
         zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
         scenario, goal = self.scenario_at(state), self.given.goal
         if goal.target is None:
-            return Moment(state, scenario, zones, self.following.tube)
+            return Moment(state, scenario, zones, self.following.tube, onward=self.onward)
         moving = MovingGoal.of(goal, zones, self.arrival.speed, self.arrival.heading)
         if last is not None and last.outcome not in AWAY and last.status is not PlanStatus.INFEASIBLE:
             self._led = last  # a plan that is not finished arrives whenever
@@ -174,7 +176,7 @@ class Means:
             time = moving.meeting(scenario, self._led)
         if moving is None or time == math.inf:
             standing = goal if moving is None else moving.planned(state.time)
-            lost = "the target is not seen" if moving is None else GETS_AWAY
+            lost = Reason(ReasonCode.BLOCKED, "the target is not seen" if moving is None else GETS_AWAY)
             scenario = changed(scenario, goal=changed(standing, target=None))
             return Moment(state, scenario, zones, self.following.tube, lost=lost)
         met = self.obstacles.tracks[moving.name]

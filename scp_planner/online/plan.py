@@ -84,6 +84,7 @@ class OnlinePlan(Plan):
             limits=uses_outside(self.limits, units),
             stop=None if self.stop is None else self.stop.outside(units),
             branch_time=units.absolute(self.branch_time),
+            legs=None if self.legs is None else self.legs.outside(units),
         )
 
     @property

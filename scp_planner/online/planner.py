@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
@@ -19,8 +19,9 @@ from scp_planner.errors import ScenarioError
 from scp_planner.online.arguments import _point, check_number, direction, speeding
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
-from scp_planner.online.following import Following
+from scp_planner.online.following import Following, larger
 from scp_planner.online.inbox import INBOX, Inbox
+from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.perception import Perception
@@ -28,11 +29,12 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
+from scp_planner.planning.legs import may_back_up
 from scp_planner.scenario.models import Goal, Passage, Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.underway import Underway
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scenario.validation import unknown_key
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
@@ -100,8 +102,6 @@ class Planner(Perception):
         tube: TrackingTube | None = None,
     ) -> None:
         units = NaturalUnits.of(scenario)
-        if scenario.vehicle.reverse is not None or scenario.vehicle.max_turn_rate is not None:
-            logger.warning("vehicle.reverse and max_turn_rate are for plan(): while driving, every plan leads ahead")
         settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None
@@ -123,6 +123,7 @@ class Planner(Perception):
         self._last: OnlinePlan | None = None
         self._zones: tuple[ThreatZone, ...] = ()
         self.doubts = deque[str](maxlen=INBOX.most_notes)
+        self._legs: LegsAhead | None = None
         self._asked = anchored(scenario).model_copy(update={"obstacles": ()})  # in the user's units
         self._take_up(inside, solver or solver_named(settings.solver))
         self._assumptions = Assumptions(self._means.vetting.period, units)
@@ -135,22 +136,29 @@ class Planner(Perception):
 
     def _take_up(self, scenario: Scenario, solver: QpSolver) -> None:
         """Plan for a scenario from the next replan on, in units of the scene."""
-        following = Following.of(scenario.vehicle, self._online, self._tube)
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         passed = [
             one.model_copy(update={"radius": one.within(scenario.vehicle), "latest_arrival": None})
             for one in scenario.goals
         ]
-        changes = {"vehicle": following.vehicle, "goal": in_time, "goals": tuple(passed)}
+        changes = {"vehicle": larger(scenario.vehicle, self._tube), "goal": in_time, "goals": tuple(passed)}
         given = anchored(scenario.model_copy(update=changes))
-        means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver)
-        self._means, self._decision = means, Decision(means)
+        backward = self._legs is not None and self._legs.backward
+        self._legs = LegsAhead(given, backward) if may_back_up(given) else None
+        self._set_out(given if self._legs is None else self._legs.scene, solver)
+
+    def _set_out(self, given: Scenario, solver: QpSolver) -> None:
+        """Plan for the leg under way, or for all of it."""
+        following = Following.of(given.vehicle, self._online, self._tube)
+        onward = self._legs is not None and self._legs.onward
+        self._means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver, onward)
+        self._decision = Decision(self._means)
 
     @property
     def given(self) -> Scenario:
         """Return the scenario that is planned for, in units of the scene, with the places that are left to pass."""
-        return self._means.given
+        return self._means.given if self._legs is None else self._legs.asked
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles have all but what listens."""
@@ -168,6 +176,11 @@ class Planner(Perception):
     @solver.setter
     def solver(self, solver: QpSolver) -> None:
         self._means.solver = solver
+
+    @property
+    def backs_up(self) -> bool:
+        """True if its trips may have several legs, ahead and backwards."""
+        return self._legs is not None
 
     @property
     def zones(self) -> tuple[ThreatZone, ...]:
@@ -244,7 +257,7 @@ class Planner(Perception):
         """Check changes of what is asked for, in the user's units, and take them up."""
         start = self._asked.start
         if self._state is not None:
-            start = self._units.inverse.scenario(self._means.scenario_at(self._state)).start
+            start = self._units.inverse.scenario(self._left(self._state)).start
         name = obstacle_met(changes.get("goal"))
         if name is not None:
             self._check_known(call, name)
@@ -273,8 +286,15 @@ class Planner(Perception):
         """
         made = self.given
         if self._state is not None:
-            made = self._means.scenario_at(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
+            made = self._left(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
         return self._units.inverse.scenario(made)
+
+    def _left(self, state: State) -> Scenario:
+        """Return what is left of the scenario at a state, without obstacles."""
+        if self._legs is None:
+            return self._means.scenario_at(state)
+        bounds = self._means.scenario_at(state).bounds
+        return changed(self.given, start=self._legs.start(state), obstacles=(), bounds=bounds)
 
     # what to do
 
@@ -296,9 +316,9 @@ class Planner(Perception):
         position : (2,)
             m.
         heading : float or None
-            rad; None: free.
+            Of the vehicle's front, rad; None: free.
         speed : float
-            m/s; above the vehicle's limit it is taken as it is, and told in ``doubts``.
+            m/s, negative backwards; above the vehicle's limit it is taken as it is, and told in ``doubts``.
         acceleration : float, optional
             Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
             acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
@@ -320,7 +340,11 @@ class Planner(Perception):
         began = perf_counter()
         if self.predictor is not None:
             self._ask(self.predictor, float(time), position)
-        state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
+
+        def reported() -> State:
+            return self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
+
+        state = reported()
         end = math.inf
         if deadline is not None:
             end = began + deadline - self._online.reserve - min(self._overrun, REPLAN.most_kept_back * deadline)
@@ -328,19 +352,46 @@ class Planner(Perception):
             self._inbox.stamps.tick(self._units.instant(float(time)))
             self._means.drop_passed(state, self._state, self._last)
             now = Replan(self._means.moment(state, self._last), began, end, self._last, self._cycle, clock=began)
+            now = self._on_leg(now, reported)
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")
-            plan = self._decision.answer(now)
-        self._last, self._state, self._zones = plan, state, now.moment.zones
+            if self._legs is None:
+                whole = plan = self._decision.answer(now)
+            else:
+                now, plan = self._leg_by_leg(now, self._legs, reported)
+                whole = self._legs.whole(now, self._means, plan)
+        self._last, self._state, self._zones = plan, now.moment.state, now.moment.zones
         self._clock = float(time)
         self._cycle += 1
-        self.plan = plan.outside(self._units)
+        self.plan = whole.outside(self._units)
         ended = perf_counter()
         self._overrun = max(REPLAN.overrun_kept * self._overrun, ended - max(end, began))
         for each in self.listeners:
             each.replanned(time, _point("position", position), heading, speed, ended - began)
         return self.plan
+
+    def _leg_by_leg(self, now: Replan, legs: LegsAhead, reported: Callable[[], State]) -> tuple[Replan, OnlinePlan]:
+        """Plan the leg under way, or the next one where the vehicle stands at the end of that."""
+        while True:
+            now = self._on_leg(now, reported)
+            waits = legs.waits(now, self._means)
+            if not legs.sets_out:
+                now.moment = replace(now.moment, lost=waits)
+                plan = self._decision.answer(now)
+                if not legs.goes_on(now, plan):
+                    return now, plan
+
+    def _on_leg(self, now: Replan, reported: Callable[[], State]) -> Replan:
+        """Set out on a leg, if that is due."""
+        legs = self._legs
+        if legs is None or not legs.sets_out:
+            return now
+        legs.sets_out, self._last = False, None
+        self._set_out(legs.scene, self.solver)
+        now = replace(now, moment=self._means.moment(reported(), None))
+        now.last = self._last = legs.first(now, self._means)
+        return now
 
     def _ask(self, predictor: Predictor, now: float, position: ArrayLike) -> None:
         """Take in what a predictor says, for the time that the trip may take."""
@@ -374,7 +425,7 @@ class Planner(Perception):
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
         yield from self._assumptions.broken(now.moment, self._last, self._means.following, self.given.bounds)
         yield from self._inbox.leads()
-        fast, before = speeding(speed, self.given.vehicle.max_speed * self._units.speed), self._speeding
+        fast, before = speeding(abs(speed), self._means.given.vehicle.max_speed * self._units.speed), self._speeding
         self._speeding = fast is not None
         if fast is not None and not before:
             yield fast
@@ -399,8 +450,11 @@ class Planner(Perception):
         if deadline is not None and not (isinstance(deadline, int | float | np.number) and deadline > 0.0):
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
         # The sensor of a vehicle that stands may show a speed below nothing.
-        units, given = self._units, self.given
-        pace, there, instant = max(float(speed), 0.0) / units.speed, units.place(place), units.instant(float(time))
+        units, given = self._units, self._means.given
+        there, instant = units.place(place), units.instant(float(time))
+        if self._legs is not None:
+            heading, speed = self._legs.reported(instant, heading, speed)
+        pace = max(float(speed), 0.0) / units.speed
         ahead = direction(given.vehicle, there, heading, pace, given.goal.position)
         front = self._front(instant, heading) if given.vehicle.steering is Steering.BOTH_WAYS else None
         return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration), front)
@@ -415,7 +469,7 @@ class Planner(Perception):
 
     def _present_acceleration(self, time: float, given: float | None) -> float | None:
         """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
-        vehicle, last = self.given.vehicle, self._last
+        vehicle, last = self._means.given.vehicle, self._last
         if vehicle.max_jerk is None:
             return None
         if given is not None:
@@ -452,5 +506,7 @@ class Planner(Perception):
         That is ``online.arrival_tolerance`` and the tracking error. False while a place is left to pass.
         ``plan.arrived`` says whether speed and heading are those of the goal, too.
         """
+        if self._legs is not None and not self._legs.at_end:
+            return False
         there = self._decision.arrival.is_there(self._units.place(_point("position", position)))
         return there and not self.given.goals

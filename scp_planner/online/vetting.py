@@ -18,6 +18,7 @@ from scp_planner.online.braking import Braking, braking_of, leaving, spans_betwe
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.moving_goal import MovingGoal
+from scp_planner.online.reasons import Reason
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import standing_from, standing_trip, surely_clear
 from scp_planner.online.tolerances import TIME
@@ -58,7 +59,8 @@ class Moment:
     zones: tuple[ThreatZone, ...]
     tube: TrackingTube | None = None
     moving: MovingGoal | None = None  # The goal, where that moves
-    lost: str = ""  # Why there is no goal to plan to; empty where there is one
+    lost: Reason | None = None  # Why there is no goal to plan to
+    onward: bool = False  # The vehicle stands at the goal before it drives on
     whole: Moment | None = None
     share: float = 1.0
 
@@ -241,7 +243,7 @@ class Vetting:
         violation = math.inf if evaluation is None else evaluation.worst_violation
         broken = math.inf
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):
-            certificate = now.certify(trip, motions=self.motions)
+            certificate = self._certify_whole(now, trip)
             if certificate.holds:
                 return Vetted(trip, certificate, None, violation, iterations)
             if not self.stops_will_do:
@@ -329,7 +331,7 @@ class Vetting:
             # What is certified keeps clear of foreseen zones too, which are no larger
             if not self.is_on(now, last):
                 return None
-            certificate = now.certify(last, since=now.state.time, motions=self.motions)
+            certificate = self._certify_whole(now, last, now.state.time)
             if certificate.holds:
                 return Vetted(last, certificate, None, 0.0)
         if not self.stops_will_do:
@@ -357,7 +359,7 @@ class Vetting:
         batch = now.batch_in(last.frame)
         if batch.size and batch.distances(ahead.time, ahead.position, 0.0).min() < 0.0:
             return None
-        certificate = now.certify(last, since=now.state.time, motions=self.motions)
+        certificate = self._certify_whole(now, last, now.state.time)
         return Vetted(last, certificate, None, 0.0) if certificate.holds else None
 
     def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
@@ -380,6 +382,15 @@ class Vetting:
             return certificate
         begins = max(stop.stands, now.state.time)
         stands = now.certify_standing(stop.trip, begins, stop.stands + self.wait - begins, self.unseen_until(now))
+        return certificate if stands is None else replace(stands, limits=certificate.limits)
+
+    def _certify_whole(self, now: Moment, trip: Trip, since: float | None = None) -> Certificate:
+        """Certify a trip up to its end, and the stand there where the vehicle then drives on."""
+        certificate = now.certify(trip, since=since, motions=self.motions)
+        if not (now.onward and certificate.holds):
+            return certificate
+        end = trip.frame.time + trip.trajectory.travel_time
+        stands = now.certify_standing(trip, max(end, now.state.time), self.wait, self.unseen_until(now))
         return certificate if stands is None else replace(stands, limits=certificate.limits)
 
     def clear_for(self, now: Moment, stop: Stop) -> float:

@@ -9,19 +9,23 @@ from math import inf, pi, remainder
 from time import perf_counter
 from typing import TypeVar
 
+import numpy as np
+
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.dubins import Pose, shortest_paths
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.pauses import Steps, all_at_once
 from scp_planner.planning.plan import Plan
 from scp_planner.routes.manoeuvres import Manoeuvre, ManoeuvreSearch
-from scp_planner.routes.steered import Steered, SteeredLeg, Steering
+from scp_planner.routes.steered import STEERING, Drive, Steered, SteeredLeg, Steering
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Goal, Scenario, Start
 from scp_planner.scenario.reversing import ahead, backwards, with_lines
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.legs import Leg, Legs, Stand
 
 logger = logging.getLogger(__name__)
@@ -34,8 +38,10 @@ class LegSettings:
     shares: tuple[float, ...] = (0.99, 0.97, 0.93)  # of the largest curvature, one after the other
     room: float = 1e-3  # radii, kept from all that is
     delays: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of a leg's time, before it sets out
-    pieces: int = 3  # of a leg as it is steered, between two corners of its guide
+    corners: int = 8  # pieces of a leg's guide
+    steep: float = 0.9  # rad, by which a leg may turn from the straight line to its end, that needs no other guide
     searches: int = 3  # for manoeuvres of other kinds, where those so far lead nowhere
+    worth: float = 0.02  # relative: what waits may cost before more curvatures are looked at
     same: float = 1e-3  # relative: a manoeuvre that promises to gain less is not tried
 
 
@@ -48,26 +54,29 @@ PlanOne = Callable[[Scenario, float | None, bool], Plan]
 
 def may_have_legs(scenario: Scenario) -> bool:
     """True if trips of several legs are looked for."""
-    start, goal = scenario.start, scenario.goal
+    return scenario.start.heading is not None and may_back_up(scenario)
+
+
+def may_back_up(scenario: Scenario) -> bool:
+    """True if a trip may have several legs, where it begins with a heading."""
+    goal, vehicle = scenario.goal, scenario.vehicle
     plain = scenario.guide is None and goal.target is None and goal.arrival_step is None
-    vehicle = scenario.vehicle
-    both = vehicle.reverse is not None or vehicle.max_turn_rate is not None
-    return both and start.heading is not None and plain
+    return plain and (vehicle.reverse is not None or vehicle.max_turn_rate is not None)
 
 
 def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None) -> Plan:
     """Plan the fastest trip of several legs, or of one ahead: whichever arrives first."""
     began = perf_counter()
-    deadline = inf if time_limit is None else began + time_limit
-    scenario = with_lines(scenario)
-    search = _LegSearch(scenario, plan_one, deadline)
-    best = search.run()
-    if best is None or (_least_ahead(scenario) < best.travel_time and search.leads_ahead(best.travel_time)):
-        alone = plan_one(ahead(scenario), search.left, best is None)
-        if best is None or (alone.certified and alone.travel_time <= best.travel_time):
-            best = alone
-    iterations = search.iterations + (best.iterations if best.legs is None else 0)
-    return replace(best, planned=scenario, iterations=iterations, wall_time=perf_counter() - began)
+    search = LegSearch(scenario, plan_one, inf if time_limit is None else began + time_limit)
+    return replace(all_at_once(search.run()), planned=search.scenario, wall_time=perf_counter() - began)
+
+
+def _guides(places: Array) -> list[Array]:
+    """Return guides (m, 2) along places (n, 2) m of a leg: the straight line, if it turns little, and with corners."""
+    steps, (x, y) = np.diff(places, axis=0), places[-1] - places[0]
+    turned = np.arctan2(x * steps[:, 1] - y * steps[:, 0], x * steps[:, 0] + y * steps[:, 1])
+    straight = [places[[0, -1]]] if np.abs(turned).max() < LEGS.steep else []
+    return [*straight, places[np.linspace(0, len(places) - 1, LEGS.corners + 1).round().astype(int)]]
 
 
 def _least_ahead(scenario: Scenario) -> float:
@@ -80,63 +89,93 @@ def _least_ahead(scenario: Scenario) -> float:
     return straight_travel_time(length, start.speed, limits, goal.speed)[0]
 
 
-class _LegSearch:
+class LegSearch:
     """Goes through manoeuvres, the fastest first, until no other one promises an earlier arrival."""
 
-    def __init__(self, scenario: Scenario, plan_one: PlanOne, deadline: float) -> None:
-        self.scenario, self.plan_one, self.deadline = scenario, plan_one, deadline
+    def __init__(
+        self,
+        scenario: Scenario,
+        plan_one: PlanOne,
+        deadline: float = inf,
+        zones: Sequence[ThreatZone] | None = None,
+    ) -> None:
+        """Take a scenario with zones in its units; None: those that it tells of."""
+        self.scenario = with_lines(scenario)
+        self.plan_one, self.deadline, self.zones = plan_one, deadline, zones
         self.units = NaturalUnits.of(scenario)
-        self.inside = self.units.scenario(scenario)
+        self.inside = self.units.scenario(self.scenario)
         self.curvature = self.inside.vehicle.max_curvature or 1.0 / self.inside.vehicle.radius
         room, frame = LEGS.room / self.curvature, PlanningFrame((0.0, 0.0), 0.0, self.inside.start.time)
         self.radius = self.inside.vehicle.radius + room
-        self.batch = ZoneBatch.of(ZonesOf(self.inside), frame, self.radius)
+        known = ZonesOf(self.inside) if zones is None else [zone.inside(self.units) for zone in zones]
+        self.batch = ZoneBatch.of(known, frame, self.radius)
         self.iterations = 0
         self.best: Plan | None = None
+        self.least = inf  # s that a manoeuvre takes among what stands alone
 
     @property
     def left(self) -> float | None:
         """Wall time that is left, s."""
         return None if self.deadline == inf else max(self.deadline - perf_counter(), 1e-3)
 
-    def run(self) -> Plan | None:
-        """Return the fastest certified trip of legs, or of one after or before a turn on the spot."""
+    def run(self) -> Steps[Plan]:
+        """Find the fastest trip of legs, or of one ahead; the longest step is the plan of one leg."""
         for at_start, at_goal in _turns(self.scenario):
             self._keep(self._turned(at_start, at_goal))
-        if self.inside.vehicle.reverse is None:
-            return self.best
+            yield
+        if self.inside.vehicle.reverse is not None:
+            yield from self._backing_up()
+        best = self.best
+        if best is None or (_least_ahead(self.scenario) < best.travel_time and (yield from self._leads_ahead(best))):
+            alone = self.plan_one(ahead(self.scenario), self.left, best is None)
+            self.iterations += alone.iterations
+            if best is None or (alone.certified and alone.travel_time <= best.travel_time):
+                best = alone
+        return replace(best, iterations=self.iterations)
+
+    def _backing_up(self) -> Steps[None]:
+        """Plan manoeuvres of the kinds that are found, or of others where those lead nowhere."""
         search = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline)
         kinds = list[tuple[int, ...]]()
         for _ in range(LEGS.searches):
-            manoeuvres = search.run(without=kinds)
-            if self._drives(manoeuvres) or perf_counter() > self.deadline:
+            manoeuvres = yield from search.run(without=kinds)
+            yield from self._drives(manoeuvres)
+            if self.best is not None or not manoeuvres or perf_counter() > self.deadline:
                 break
             kinds += [each.kind for each in manoeuvres]
-        return self.best
 
-    def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> bool:
-        """Plan the legs of manoeuvres, the fastest first; return True if there is nothing left to look for."""
-        before = self.best
+    def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> Steps[None]:
+        """Plan the legs of manoeuvres, the fastest first, until other ones can gain little."""
         for share in LEGS.shares:
             steering = Steering(self.inside, self.batch, self.radius, share * self.curvature)
-            steered = [steering.improved(each) for each in manoeuvres]
-            for legs in sorted(steered, key=lambda each: each.time):
-                known = inf if self.best is None else self.best.travel_time * (1.0 - LEGS.same)
-                if perf_counter() > self.deadline or legs.time * self.units.time >= known:
+            drives = list[Drive]()
+            for each in manoeuvres:
+                drives.append((yield from steering.among_standing(each)))
+            whole = [each for each in drives if not each.spares_a_leg]
+            for drive in sorted(whole or drives, key=lambda each: each.time):
+                known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
+                if perf_counter() > self.deadline or drive.time >= known:
                     break
-                if legs.good:
-                    self._keep(self._planned(legs))
-            if self.best is not before:
+                legs = yield from steering.improved(drive)
+                if legs.good and legs.time < known:
+                    self._keep((yield from self._planned(legs)))
+                if drive.missed + drive.deep <= 2.0 * STEERING.missed:
+                    self.least = min(self.least, drive.time * self.units.time)
+            if self._good_enough:
                 break
-        return self.best is not before or not manoeuvres
 
-    def leads_ahead(self, within: float) -> bool:
-        """True if a manoeuvre of one leg ahead may take less than a time, s."""
+    @property
+    def _good_enough(self) -> bool:
+        """True if the best plan takes about as long as a manoeuvre among what stands alone."""
+        return self.best is not None and self.best.travel_time <= (1.0 + LEGS.worth) * self.least
+
+    def _leads_ahead(self, than: Plan) -> Steps[bool]:
+        """True if a manoeuvre of one leg ahead may take less than another."""
         if self.inside.vehicle.reverse is None:
             return True
         alone = changed(self.inside, vehicle=changed(self.inside.vehicle, reverse=None))
-        found = ManoeuvreSearch(alone, self.batch, self.curvature, self.deadline).run(within / self.units.time)
-        return bool(found)
+        search = ManoeuvreSearch(alone, self.batch, self.curvature, self.deadline)
+        return bool((yield from search.run(than.travel_time / self.units.time)))
 
     def _keep(self, made: Plan | None) -> None:
         """Keep a plan if it is certified, and faster than the best so far."""
@@ -146,14 +185,14 @@ class _LegSearch:
         if made.certified and (self.best is None or made.travel_time < self.best.travel_time):
             self.best = made
 
-    def _planned(self, steered: Steered) -> Plan | None:
+    def _planned(self, steered: Steered) -> Steps[Plan | None]:
         """Plan legs one after the other, each from where and when the one before it ends."""
         scenario, legs, plans, time = self.scenario, list[Leg](), list[Plan](), self.scenario.start.time
         last = len(steered.legs) - 1
         for number, leg in enumerate(steered.legs):
             start = scenario.start if number == 0 else self._end(scenario.start, leg.poses[0])
             goal = scenario.goal if number == last else self._end(_ANYWHEN, leg.poses[-1])
-            made = self._leg(leg, start, goal, time)
+            made = yield from self._leg(leg, start, goal, time)
             if made is None:
                 return None
             plans.append(made)
@@ -181,18 +220,20 @@ class _LegSearch:
             timings={},
             iterations=self.iterations,
         )
-        return made.verified(self.scenario)
+        return made.verified(self.scenario, threat_zones=self.zones)
 
-    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Plan | None:
+    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Steps[Plan | None]:
         """Plan a leg that sets out at a time, s, or later if it is not clear then."""
         moving = {self.batch.ids[number] for number in self.batch.moving}
-        places = [self.units.world(place) for place in leg.poses[:: LEGS.pieces, :2].tolist()]
         for delay in LEGS.delays:
             begin = changed(start, time=time + (leg.wait + delay * leg.time) * self.units.time)
-            guide = (begin.position, *places[1:-1], goal.position)
-            made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
-            if made.certified:
-                return made
+            for corners in _guides(leg.poses[:, :2]):
+                places = [self.units.world(place) for place in corners.tolist()]
+                guide = (begin.position, *places[1:-1], goal.position)
+                made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
+                yield
+                if made.certified:
+                    return made
             if made.clearance.obstacle not in moving or start.speed > 0.0 or perf_counter() > self.deadline:
                 break
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scp_planner.scenario.models import Scenario
+    from scp_planner.threat_zones.zone import ThreatZone
     from scp_planner.tracking.error_tube import TrackingTube
 
 _WORK = ("wall_time", "timings", "planned", "candidates")
@@ -270,7 +271,7 @@ class Plan:
             "arrival_time": self.arrival_time,
             "travel_time": self.travel_time,
             # A stop ends on its path, not at the goal.
-            **({"stops": True} if not self.trip.trajectory.arrives else {}),
+            **({"stops": True} if self.legs is None and not self.trip.trajectory.arrives else {}),
             "lower_bound": self.lower_bound,
             **({} if self.converged is None else {"converged": self.converged}),
             "method": self.method,
@@ -438,13 +439,19 @@ class Plan:
             check_samples(reader.part("samples"), within, lambda name, times: getattr(plan, name)(times))
         return plan
 
-    def verified(self, scenario: Scenario, *, tube: TrackingTube | None = None) -> Self:
+    def verified(
+        self,
+        scenario: Scenario,
+        *,
+        tube: TrackingTube | None = None,
+        threat_zones: Sequence[ThreatZone] | None = None,
+    ) -> Self:
         """Return the same plan with what :func:`scp_planner.certify` says of it, whatever was said before.
 
         Parameters
         ----------
         scenario : Scenario
-        tube : TrackingTube, optional
+        tube, threat_zones : optional
             As for :func:`scp_planner.certify`.
 
         Returns
@@ -454,7 +461,7 @@ class Plan:
         """
         from scp_planner.certificate.check import certify
 
-        found = certify(scenario, self, tube=tube)
+        found = certify(scenario, self, threat_zones, tube=tube)
         return replace(
             self,
             status=PlanStatus.CERTIFIED if found.holds else PlanStatus.INFEASIBLE,

@@ -8,6 +8,7 @@ Speeds follow from curvatures and lengths.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, pi
@@ -15,6 +16,7 @@ from math import inf, pi
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.pauses import Steps
 from scp_planner.routes.manoeuvres import Manoeuvre
 from scp_planner.scenario.models import Scenario
 from scp_planner.solvers.interface import QuadraticProgram, SolverStatus, solver_named
@@ -78,19 +80,26 @@ class Steering:
         self.scenario, self.zones, self.radius, self.curvature = scenario, zones, radius, curvature
         self.solver = solver_named("daqp")
 
-    def improved(self, manoeuvre: Manoeuvre) -> Steered:
-        """Return the legs of the least time near a manoeuvre, with waits for what moves."""
-        found = self._improved(self._start(manoeuvre), self.zones.subset(self.zones.standing))
+    def among_standing(self, manoeuvre: Manoeuvre) -> Steps[Drive]:
+        """Find the drive of the least time near a manoeuvre, among what stands."""
+        return self._improved(self._start(manoeuvre), self.zones.subset(self.zones.standing))
+
+    def improved(self, found: Drive) -> Steps[Steered]:
+        """Find the legs of the least time near a drive, with waits for what moves."""
         if len(self.zones.moving) == 0:
             return found.steered()
-        both = [self._improved(start, self.zones) for start in (found, self._waiting(found))]
-        return min(both, key=lambda each: each.merit).steered()
+        best = yield from self._improved(found, self.zones)
+        for waiting in self._waiting(found):
+            other = yield from self._improved(waiting, self.zones)
+            best = min(best, other, key=lambda each: each.merit)
+        return best.steered()
 
-    def _improved(self, start: _Drive, zones: ZoneBatch) -> _Drive:
+    def _improved(self, start: Drive, zones: ZoneBatch) -> Steps[Drive]:
         """Go on from a drive, step by step, among some zones."""
         now, trust = replace(start, zones=zones), STEERING.trust
         for _ in range(STEERING.steps):
             step = self._step(now, trust)
+            yield
             if step is None:
                 trust *= STEERING.shrunk
                 continue
@@ -104,19 +113,24 @@ class Steering:
                 break
         return now
 
-    def _waiting(self, drive: _Drive) -> _Drive:
-        """Return a drive with the shortest wait, before one of its legs, after which it is clear of what moves."""
+    def _waiting(self, drive: Drive) -> Iterator[Drive]:
+        """Yield, for each leg, the drive with the shortest wait before it that is clear of what moves, if there is one.
+
+        A drive that is clear without any is none of them.
+        """
         among, legs = replace(drive, zones=self.zones), len(drive.signs)
-        for wait in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried):
-            for leg in np.flatnonzero(among.longest_waits).tolist():
+        if among.deep <= STEERING.missed:
+            return
+        for leg in np.flatnonzero(among.longest_waits).tolist():
+            for wait in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried)[1:]:
                 x = drive.x.copy()
                 x[len(x) - legs + leg] = wait
                 waiting = replace(among, x=x)
                 if waiting.deep <= STEERING.missed:
-                    return waiting
-        return among
+                    yield waiting
+                    break
 
-    def _start(self, manoeuvre: Manoeuvre) -> _Drive:
+    def _start(self, manoeuvre: Manoeuvre) -> Drive:
         each, lengths, signs = [], [], []
         for curvature, driven in manoeuvre.legs:
             ends = np.concatenate([[0.0], np.cumsum(np.abs(driven))])
@@ -129,9 +143,9 @@ class Steering:
             signs.append(float(np.sign(driven[0])))
         bends = np.clip(np.concatenate(each), -self.curvature, self.curvature)
         x = np.concatenate([bends, lengths, np.zeros(len(signs))])
-        return _Drive(self, x, tuple(signs), manoeuvre.start, self.zones)
+        return Drive(self, x, tuple(signs), manoeuvre.start, self.zones)
 
-    def _step(self, now: _Drive, trust: float) -> tuple[Array, float] | None:
+    def _step(self, now: Drive, trust: float) -> tuple[Array, float] | None:
         """Return a step, and by how much it promises to lower the merit."""
         count, legs = len(now.x), len(now.signs)
         scale = now.scale
@@ -152,6 +166,8 @@ class Steering:
         matrix = np.vstack([goal[0], -goal[0], -clear[0]]) * scale
         rows = np.vstack([np.hstack([ramps * scale, blank]), np.hstack([matrix, soft])])
         bound = np.concatenate([room, -goal[1], goal[1], clear[1]])
+        within = bound <= trust * np.abs(rows[:, :count]).sum(axis=1)  # the others hold in all of the region
+        rows, bound = rows[within], bound[within]
         gradient = np.concatenate([now.time_gradient * scale / now.unit, np.full(2, STEERING.far)])
         hessian = 1e-6 * np.eye(count + 2)
         hessian[:bends, :bends] += STEERING.smooth * now.roughness
@@ -167,7 +183,7 @@ class Steering:
 
 
 @dataclass(frozen=True)
-class _Drive:
+class Drive:
     """Curvatures of all pieces, 1/m, lengths of legs, m, and waits before them, s, and all that follows from them."""
 
     steering: Steering
@@ -197,6 +213,11 @@ class _Drive:
     def lengths(self) -> Array:
         legs = len(self.signs)
         return self.x[-2 * legs : -legs]
+
+    @property
+    def spares_a_leg(self) -> bool:
+        """True if one of several legs is as short as may be, so that another kind of manoeuvre does without it."""
+        return bool(self.lengths.min() <= (1.0 + STEERING.missed) * STEERING.shortest * self.radius)
 
     @cached_property
     def waits(self) -> Array:

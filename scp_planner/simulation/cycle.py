@@ -78,8 +78,8 @@ class Cycle:
 
     time: float  # s
     position: tuple[float, float]  # m
-    heading: float  # rad, m/s
-    speed: float  # rad, m/s
+    heading: float  # Of the vehicle's front, rad
+    speed: float  # m/s, negative backwards
     outcome: str
     status: str
     certified: bool

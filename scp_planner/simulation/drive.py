@@ -161,7 +161,8 @@ class Drive:
         stage.write_down(now)
         while not arrived and now < start + time_limit - NO_TIME * self.units.time:
             began = perf_counter()
-            plan = self.planner.replan(now, stage.position, stage.heading, stage.speed, deadline=self.chosen.deadline)
+            speed = -stage.speed if self._backs_up(now) else stage.speed
+            plan = self.planner.replan(now, stage.position, stage.heading, speed, deadline=self.chosen.deadline)
             before = self._before(now, heard, perf_counter() - began)
             plans.append(plan)
             following = start + len(plans) * self.period
@@ -200,6 +201,9 @@ class Drive:
             self._move(self.driven, float(time), float(time) - before, drift)
             self._look(float(time))
         return False
+
+    def _backs_up(self, now: float) -> bool:
+        return self.driven is not None and bool(self.driven.backward(now))
 
     def _follow(self, plan: OnlinePlan, time: float) -> None:
         self.offset = self.stage.position - plan.position(time)
@@ -242,7 +246,8 @@ class Drive:
         truth = tuple((name, (float(place[0]), float(place[1]))) for name, place in stage.centers.items())
         zones = tuple(ZoneRecord.of(zone) for zone in self.planner.zones)
         begin = len(stage.times) - 1
-        return _Before(now, (x, y), stage.heading, stage.speed, tuple(heard), zones, truth, begin, wall_time)
+        speed = -stage.speed if self._backs_up(now) else stage.speed
+        return _Before(now, (x, y), stage.heading, speed, tuple(heard), zones, truth, begin, wall_time)
 
     def _record(self, before: _Before, plan: OnlinePlan) -> Cycle:
         return Cycle(

@@ -182,7 +182,7 @@ def run_of(lines: Iterable[Mapping[str, Any]], name: str) -> Run:
         time=time,
         position=np.array([cycle.position for cycle in cycles]),
         heading=np.array([cycle.heading for cycle in cycles]),
-        speed=np.array([cycle.speed for cycle in cycles]),
+        speed=np.abs([cycle.speed for cycle in cycles]),
         obstacles={},
         plans=tuple(plan_from_dict(line["plan"], name) for line in told),
         shapes={line["obstacle"]: shape_from_dict(line["shape"]) for line in rest if "shape" in line},

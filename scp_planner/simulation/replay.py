@@ -122,6 +122,7 @@ def replay(
                 following = next(waiting, None)
             index = int(np.searchsorted(time, now, "right")) - 1
             _, _, heading, speed = driven[index]
+            speed = speed if planner.backs_up else abs(speed)
             there = [np.interp(now, time, position[:, axis]) for axis in (0, 1)]
             planner.replan(now, there, heading, speed, deadline=deadline)
     return recorder.run()
@@ -154,14 +155,14 @@ def _read(bag: Path) -> tuple[list[Odometry], list[Any]]:
 def _odometry(message: Any) -> Odometry:
     pose, twist = message.pose.pose, message.twist.twist.linear
     heading = yaw_of(pose.orientation)
-    speed = math.hypot(twist.x, twist.y)
+    speed = math.copysign(math.hypot(twist.x, twist.y), twist.x)
     return seconds(message.header.stamp), (float(pose.position.x), float(pose.position.y)), heading, speed
 
 
 def _scenario(given: Scenario | None, goal: tuple[float, float], driven: list[Odometry]) -> Scenario:
     time, position, heading, speed = driven[0]
-    fastest = max(speed for *_, speed in driven)
-    start = Start(time=time, position=position, heading=heading, speed=speed)
+    fastest = max(abs(speed) for *_, speed in driven)
+    start = Start(time=time, position=position, heading=heading, speed=abs(speed))
     if given is not None:
         start = start.model_copy(update={"speed": min(speed, given.vehicle.max_speed)})
         changes = {"start": start, "goal": Goal(position=goal), "guide": None, "obstacles": ()}

@@ -57,7 +57,7 @@ class Run:
     position : (n, 2) array
         Of the vehicle, m.
     heading, speed : (n,) arrays
-        rad, m/s.
+        Of its front, rad, and along its path, m/s: also backwards not negative.
     obstacles : dict of str to (n, 2) array
         True centres, m; NaN where not there.
     plans : tuple of Plan

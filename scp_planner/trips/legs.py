@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import pi, remainder
@@ -119,8 +119,16 @@ class Legs:
 
     def inside(self, units: Units) -> Legs:
         """Return the legs in the units of their scene."""
-        legs = tuple(Leg(leg.trip.inside(units), leg.backward) for leg in self.legs)
-        first, last = (Stand(units.instant(stand.time), stand.heading) for stand in (self.first, self.last))
+        return self._of([leg.trip.inside(units) for leg in self.legs], units.instant)
+
+    def outside(self, units: Units) -> Legs:
+        """Return legs in the units of their scene in SI units."""
+        return self._of([leg.trip.outside(units) for leg in self.legs], units.absolute)
+
+    def _of(self, trips: Sequence[Trip], time: Callable[[float], float]) -> Legs:
+        """Return the same legs of other trips, on another clock."""
+        legs = tuple(Leg(trip, leg.backward) for trip, leg in zip(trips, self.legs, strict=True))
+        first, last = (Stand(time(stand.time), stand.heading) for stand in (self.first, self.last))
         return Legs(legs, first, last)
 
     def told(self, t: ArrayLike, value: Callable[[Leg, TripPoints], Array]) -> Array:

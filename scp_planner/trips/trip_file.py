@@ -149,6 +149,7 @@ def legs_written(legs: Legs) -> dict[str, Any]:
             "backward": leg.backward,
             "start_time": leg.begin,
             "travel_time": leg.trip.trajectory.travel_time,
+            **({} if leg.trip.trajectory.arrives else {"stops": True}),
             **trip_written(leg.trip),
         }
         for leg in legs.legs
