@@ -15,8 +15,9 @@ from scp_planner.online.dodge_worth import WORTH, a_moment, harm, nearness, valu
 from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
+from scp_planner.online.tolerances import LENGTH
 from scp_planner.online.vetting import Moment, Stop
-from scp_planner.online.way_left import way_left, way_left_both_ways, way_on
+from scp_planner.online.way_left import WAY, way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario, Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -39,6 +40,7 @@ class Outlook:
     clear: Array  # (C,)
     then: Array  # (C,) Way to the goal that is left at its end, m
     worth: Array  # (C,)
+    lost: Array  # (C,) Share of the way that the vehicle could drive on which it cannot after it: it ends in a dead end
 
 
 class DodgeOutlooks:
@@ -117,17 +119,18 @@ class DodgeOutlooks:
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
         worth = left[0] - left[1] - self._cost(time, judged.least / width, counted / width) * width
-        worth -= WORTH.lost * self._way_lost(moment, driven)
-        return Outlook(least, room, clear, left[2], worth)
+        lost = self._way_lost(moment, driven)
+        worth -= WORTH.lost * lost
+        return Outlook(least, room, clear, left[2], worth, lost / max(WAY.far * self.tightest(moment), LENGTH))
 
-    def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
+    def _way_lost(self, moment: Moment, driven: Driven) -> Array:
         """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""
-        radius, heading = self.tightest(moment), moment.state.heading
+        radius, heading, none = self.tightest(moment), moment.state.heading, np.zeros(len(driven.position))
         if radius == 0.0 or heading is None or moment.scenario.vehicle.steering is Steering.BOTH_WAYS:
-            return 0.0
+            return none
         box, standing = self.box(moment), _that_stand(moment.batch)
         if not len(box.offsets) and not standing.size:
-            return 0.0
+            return none
         steps = np.hypot(*np.moveaxis(np.diff(driven.position, axis=1), -1, 0))
         place = np.concatenate([np.zeros((1, 2)), driven.position[:, -1]])
         headings = np.append(heading - moment.frame.heading, driven.heading[:, -1])

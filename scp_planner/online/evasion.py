@@ -108,6 +108,9 @@ class Evasion:
         least = min(trips.impact.min(initial=np.inf), dodges.impact.min())
         braking = min(float(dodges.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
         harms, of_dodges = (each.no_harder_than(least, braking) for each in (trips, dodges))
+        if view.seen.lost.any():
+            of_dodges = of_dodges + HARM.dead_end * view.seen.lost
+            harms = harms + HARM.dead_end * np.array([float(self._seen_of(now, each).lost[0]) for each in others])
         now.lap("evasion")
         for each, harm in zip(others, trips.expected.tolist(), strict=True):
             self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)

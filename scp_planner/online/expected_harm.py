@@ -38,6 +38,7 @@ class HarmParameters:
     # Deviations of a gap, beyond which a touch is so improbable that no sum with anything probable shows it
     far: float = 9.0
     leaving: float = 0.5  # Share of the way by which a contact is to get shallower, for the vehicle to leave it
+    dead_end: float = 0.1  # Cost of an end from which the vehicle cannot drive on, relative to a contact at top speed
     alike: float = 0.05  # Share of a speed at contact, by which others are as good
 
 
