@@ -80,14 +80,18 @@ def _angle(angle: Array) -> Array:
 
 
 def _courses() -> Array:
-    """Places on courses from the origin ahead, (K, steps, 2), in radii: a turn to either side, and straight on."""
+    """Places on courses from the origin ahead, (K, steps, 2), in radii: a turn to either side, and straight on.
+
+    Those of a turn are corners of a polygon round its arc, of which no part goes farther aside than they do.
+    """
     turns = np.radians(COURSES.turns)
     turn = np.concatenate([turns, -turns[1:]])[:, None]
     way = np.linspace(0.0, WAY.far, WAY.steps + 1)[1:]
     angle = np.minimum(way, np.abs(turn))
     side, on = np.sign(turn), way - angle
-    ahead = np.sin(angle) + on * np.cos(angle)
-    return np.stack([ahead, side * (1.0 - np.cos(angle) + on * np.sin(angle))], axis=-1)
+    out = np.where(on > 0.0, 1.0, 1.0 / np.cos(0.5 * way[0]))
+    ahead = out * np.sin(angle) + on * np.cos(angle)
+    return np.stack([ahead, side * (1.0 - out * np.cos(angle) + on * np.sin(angle))], axis=-1)
 
 
 _WAYS_ON = _courses()
