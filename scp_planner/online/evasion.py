@@ -140,14 +140,6 @@ class Evasion:
             return view.going_on
         return self.outlooks.of_stop(now.moment, stop, view.dodges.times)
 
-    def going_on(self, now: Replan) -> Dodge | None:
-        """Go on getting out of the way as before, where that is safe and no new dodge does better; None if not."""
-        view = self._looked(now)
-        if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
-            return None
-        found = self._gone_on_with(now, view.going_on, view.begun)
-        return found if found.safe else None
-
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
         view = self._looked(now)
         if view.begun is None or view.going_on is None or np.isfinite(view.going_on.clear[0]):

@@ -78,7 +78,7 @@ class Fallback:
 
     def leave(self, now: Replan, reason: Reason | None = None) -> OnlinePlan | None:
         """Get out of the way along a certified manoeuvre; None if none is certified."""
-        dodge = self._evasion.safest(now) or self._evasion.going_on(now)
+        dodge = self._evasion.safest(now)
         return None if dodge is None else self._dodging(now, dodge, reason)
 
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:

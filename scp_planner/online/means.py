@@ -132,10 +132,7 @@ class Means:
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
         self.arrival = Arrival(given.goal, following, online)
-        self.spare = settings.clearance_margin + following.room
-        self.gives_way_late = online.give_way is GiveWay.LATE
-        if not self.gives_way_late:
-            self.spare += REPLAN.spare_widths * 2.0 * given.vehicle.radius
+        self.gives_way_late = True
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * VETTING.commitment
         if online.foresight is not None:
             self._foresight = online.foresight
@@ -162,6 +159,8 @@ class Means:
         """Return a moment at a state, with all that has been observed, and the goal where the last plan may meet it."""
         self.inbox.take_in(replanning=True)
         self.inbox.forget(state.time)
+        way = self.online.give_way
+        self.gives_way_late = not self.obstacles.wander if way is None else way is GiveWay.LATE
         zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
         scenario, goal = self.scenario_at(state), self.given.goal
         if goal.target is None:
@@ -222,7 +221,10 @@ class Means:
             scenario = scenario.model_copy(update={"vehicle": roomy})
         problem = build_problem(scenario, (), self.settings, self.breakpoints)
         batch = self.foreseen(now.moment.batch)
-        return problem.among(batch.inflated(np.full(batch.size, self.spare)))
+        spare = self.settings.clearance_margin + self.following.room
+        if not self.gives_way_late:
+            spare += REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
+        return problem.among(batch.inflated(np.full(batch.size, spare)))
 
     def vet(
         self,

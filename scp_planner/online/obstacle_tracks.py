@@ -40,6 +40,7 @@ from scp_planner.online.track import (
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
 from scp_planner.scenario.motions import Course, GivenMotion
+from scp_planner.scenario.process_model import MeanRevertingVelocity
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
@@ -246,6 +247,12 @@ class ObstacleTracks:
             track.times.append(one.time)
             track.positions.append(one.position)
             track.covariances.append(one.covariance)
+
+    @property
+    def wander(self) -> bool:
+        """True if any obstacle wanders about a velocity of its own."""
+        processes = (track.model.process for track in self.tracks.values() if track.fixed is None)
+        return any(one is not None and isinstance(one.process, MeanRevertingVelocity) for one in processes)
 
     def update(self, name: str, given: Estimate) -> str | None:
         """Take what a tracker says of an obstacle in place of all that was known of it."""

@@ -142,9 +142,10 @@ class OnlineSettings(Knobs):
         Time for which no zone may reach the vehicle after it stands, for a stop to be safe; without such a stop the
         vehicle evades. Longer: more caution, and more evasive manoeuvres; 0: a standing vehicle counts as safe. None:
         the time in which, from standing, it drives four times its own width.
-    give_way : GiveWay
+    give_way : GiveWay or None
         Condition of an evasive manoeuvre: ``late``, where no trip can be left for a stop that stays clear; ``early``,
-        also where a short trip leads nearly as far and keeps farther away.
+        also where a short trip leads nearly as far and keeps farther away. None: ``early`` among obstacles that wander
+        about a velocity of their own, as those of the model ``pedestrian``, else ``late``.
     foresight : float or None
         Time ahead for which zones grow; beyond it they assume future measurements, see `scp_planner.online.foresight`.
         None: the time to react, to the next replan and to stop, and somewhat more, since a stop need not begin at once.
@@ -195,7 +196,7 @@ class OnlineSettings(Knobs):
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
     safety: Annotated[Safety | str, Choice(_safeties)] = Safety.STOP
     stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None
-    give_way: Annotated[GiveWay | str, Choice(_ways_to_give)] = GiveWay.LATE
+    give_way: Annotated[GiveWay | str | None, Choice(_ways_to_give)] = None
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
     improve_every: Annotated[int, Range(1, 1000)] = 5

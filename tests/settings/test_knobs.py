@@ -194,7 +194,8 @@ def test_words_become_members_and_others_are_refused(kind: type[Enum]) -> None:
         assert take(member) is member
         assert take(member.value) is member
     wrong: Any
-    for wrong in ("sideways", kind.__members__.__iter__().__next__() + "?", 3, None, []):
+    left_open = () if kind is GiveWay else (None,)
+    for wrong in ("sideways", kind.__members__.__iter__().__next__() + "?", 3, [], *left_open):
         with pytest.raises(ValueError, match=rf"{name} = .*: must be one of"):
             take(wrong)
 
