@@ -64,6 +64,7 @@ def test_no_certified_plan_of_the_suite_is_excluded(scenario: Path) -> None:
 def test_the_bound_lies_between_the_kinematic_one_and_the_plan(name: str) -> None:
     scenario = builtin.load(name)
     plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
     bound = sp.lower_bound(scenario, at_most=plan.travel_time)
     assert kinematic_bound(scenario) <= bound <= plan.travel_time
 

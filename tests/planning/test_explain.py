@@ -41,7 +41,9 @@ def seen(name: str) -> dict[str, Any]:
 def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
     text = reason(disc("crate", (20.0, 0.3), radius=1.0), disc("far", (5.0, 30.0)), disc("beside", (8.0, 2.5)))
     assert text.startswith("clearance to crate -0.99")
-    assert "crate covers the goal" in text
+    assert "crate covers the goal" in text and "penalty left" in text
+    # The disc covers the goal by 1.0 + 0.3 - 0.3 m: so much less of it would do.
+    assert float(text.split("acceptable with ")[1].split(" m less of crate")[0]) == pytest.approx(1.0, abs=0.02)
     assert "Best of 1 arc;" in text, "no route is searched where none can lead to the goal"
     assert "far" not in text and "beside" not in text
 

@@ -112,12 +112,6 @@ def test_numpy_arrays_are_taken_in_python() -> None:
     assert Start(time=np.float64(0), position=np.zeros(2), speed=np.float32(1)).speed == 1.0
 
 
-def test_covariances_may_differ_by_observation() -> None:
-    each = [[[0.01 * k, 0.0], [0.0, 0.01]] for k in range(1, 4)]
-    observations = Observations(time=[0, 1, 2], position=[[0, 0]] * 3, covariance=each)
-    assert observations.covariance == tuple(tuple(map(tuple, matrix)) for matrix in each)
-
-
 def test_enough_observations_are_enough(scenario_data: dict[str, Any]) -> None:
     seen = scenario_data["obstacles"][1]
     for order, covariance, least in [(0, True, 1), (1, True, 2), (2, True, 3), (0, False, 3), (2, False, 5)]:
@@ -133,12 +127,6 @@ def test_enough_observations_are_enough(scenario_data: dict[str, Any]) -> None:
         seen["observations"]["position"] = [[7, 3]] * (least - 1)
         with pytest.raises(ScenarioError, match=f"at least {least} observations, not {least - 1}"):
             Scenario(**scenario_data)
-
-
-def test_models_are_frozen(scenario_data: dict[str, Any]) -> None:
-    scenario = Scenario(**scenario_data)
-    with pytest.raises(ValueError, match="frozen"):
-        scenario.vehicle.radius = 2.0  # type: ignore[misc]
 
 
 def test_models_and_dictionaries_mix(scenario_data: dict[str, Any]) -> None:

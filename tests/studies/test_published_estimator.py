@@ -122,37 +122,7 @@ def test_our_estimates_keep_their_digits_on_any_clock() -> None:
     assert 0.0 < float(sums.d) < 1e-8 * np.spacing(float(sums.c4))
 
 
-def test_the_variance_factor_is_the_inverse_of_the_normal_matrix() -> None:
-    times = [Fraction(k, 7) for k in (0, 1, 2, 4, 7, 11)]
-    rows = np.array([[Fraction(1), t, t * t] for t in times])
-    for t in (Fraction(-1), Fraction(0), Fraction(5, 2)):
-        x = np.array([Fraction(1), t, t * t])
-        # h = x' z with X'X z = x, checked without inverting: X'X z = x holds for the z that solves it
-        normal = rows.T @ rows
-        z = _solve(normal, x)
-        assert (normal @ z == x).all()
-        assert variance_factor(np.array(times), t) == x @ z
-
-
-def _solve(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Gauss elimination, exact for fractions."""
-    size = len(right)
-    a = np.concatenate([matrix, right[:, None]], axis=1)
-    for k in range(size):
-        a[k] = a[k] / a[k, k]
-        for other in range(size):
-            if other != k:
-                a[other] = a[other] - a[other, k] * a[k]
-    return a[:, -1]
-
-
 def test_the_variance_falls_like_one_over_n() -> None:
     """With n observations in a fixed window; so errors of zones fall like n^-1/2."""
     factors = [variance_factor(np.linspace(-10.0, 0.0, n), 6.0) * n for n in (100, 1000, 10_000)]
     assert factors == pytest.approx([factors[-1]] * 3, rel=0.05)
-
-
-def test_residuals_give_the_noise() -> None:
-    times = np.linspace(-10.0, 0.0, 20_000)
-    published = published_estimate(times, observations(times, seed=11))
-    assert published.noise_covariance == pytest.approx(np.array([[0.04, 0.01], [0.01, 0.02]]), abs=2e-3)

@@ -101,15 +101,6 @@ def test_parts_of_a_batch_and_larger_ones(batch: ZoneBatch) -> None:
         batch.radius = extra  # type: ignore[misc]
 
 
-def test_far_distances_may_be_lower_bounds_that_are_still_far(batch: ZoneBatch) -> None:
-    times, points = np.linspace(0.0, 4.0, 200), np.linspace([0.0, -5.0], [20.0, 5.0], 200)
-    exact, quick = batch.distances(times, points), batch.distances(times, points, exact_below=1.0)
-    near = exact < 1.0
-    assert near.any() and not near.all()
-    assert quick[near] == pytest.approx(exact[near], abs=1e-12)
-    assert np.all(quick[~near] >= 1.0 - 1e-12) and np.all(quick <= exact + 1e-9)
-
-
 def test_polygons_that_stand_are_as_far_as_shapely_says() -> None:
     rng, polygons = np.random.default_rng(3), []
     for place in rng.uniform([2.0, -6.0], [18.0, 6.0], (12, 2)):

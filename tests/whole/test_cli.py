@@ -121,12 +121,6 @@ def test_demo_refuses_a_file_for_a_folder(tmp_path: Path) -> None:
     assert (tmp_path / "demo").read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", builtin.names())
-def test_every_built_in_scenario_has_a_certified_plan(name: str) -> None:
-    result = run("plan", f"builtin:{name}")
-    assert result.exit_code == 0, result.output
-
-
 def test_the_module_runs_as_a_program() -> None:
     command = [sys.executable, "-m", "scp_planner"]
     version = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True)
