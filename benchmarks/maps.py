@@ -149,11 +149,19 @@ def scene(kind: str, seed: int, moving: bool) -> tuple[sp.Scenario, Array, float
 
 def deepest(plan: sp.Plan, scenario: sp.Scenario, cells: Array) -> float:
     """Least distance of a disc's border from an occupied cell, m, over dense samples of a trip."""
+    time = scenario.start.time + moments(plan.travel_time, scenario)
+    return apart(plan.position(time), plan.heading(time), scenario, cells)
+
+
+def moments(lasts: float, scenario: sp.Scenario) -> Array:
+    """Times so close that the vehicle moves by at most a fifth of a cell, s."""
+    return np.linspace(0.0, lasts, int(lasts * scenario.vehicle.max_speed / (0.2 * CELL)) + 2)
+
+
+def apart(position: Array, heading: Array, scenario: sp.Scenario, cells: Array) -> float:
+    """Least distance of a disc's border from an occupied cell, m, at places (n, 2) m with headings (n,) rad."""
     assert scenario.ground is not None
     ground, vehicle = scenario.ground.map, scenario.vehicle
-    begin = scenario.start.time
-    time = begin + np.linspace(0.0, plan.travel_time, int(plan.travel_time * vehicle.max_speed / (0.2 * CELL)) + 2)
-    position, heading = plan.position(time), plan.heading(time)
     (x0, y0), yaw, least = ground.origin, ground.yaw, np.inf
     reach = int(vehicle.radius / CELL) + 3
     shifts = np.stack(np.meshgrid(*(np.arange(-reach, reach + 1),) * 2), axis=-1).reshape(-1, 2)

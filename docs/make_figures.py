@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import scp_planner as sp
+from benchmarks.maps import scene
 from benchmarks.parking import scenario_of
 from docs.make_gallery import as_on_a_quiet_machine, shrink
 from scp_planner import builtin
@@ -29,6 +30,7 @@ def main() -> None:
     plot_space_time(plan, scenario, FIGURES / "space_time.png")
     _photograph_viewer(plan, scenario)
     _draw_parking()
+    _draw_map()
     for name in ("demo", "space_time", "viewer"):
         shrink(FIGURES / f"{name}.png", FIGURES / f"{name}.png")
 
@@ -42,6 +44,13 @@ def _draw_parking() -> None:
     between = [0.5 * (leg.begin + leg.end) for leg in plan.legs.legs[:2]]
     plot_plan(plan, scenario, times=[*stops, *between]).savefig(FIGURES / "reversing.png", dpi=README_DPI)
     shrink(FIGURES / "reversing.png", FIGURES / "reversing.png")
+
+
+def _draw_map() -> None:
+    made = scene("rooms", 2, moving=True)
+    assert made is not None
+    sp.simulate(made[0]).draw(FIGURES / "maps.png")
+    shrink(FIGURES / "maps.png", FIGURES / "maps.png")
 
 
 def _photograph_viewer(plan: sp.Plan, scenario: sp.Scenario) -> None:

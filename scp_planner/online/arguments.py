@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.ends import can_reverse
+from scp_planner.errors import Fault, ScenarioError
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import EIGENVALUE, LEAST_DEVIATION, MOST_DEVIATION, RELATIVE
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Obstacle, Steering, Vehicle
+from scp_planner.scenario.models import Ground, Obstacle, Scenario, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.tolerances import SYMMETRY
 from scp_planner.units import Units
@@ -144,6 +145,16 @@ def _definite(matrix: Array, scale: Array, least: Array) -> Array:
     found: Array = (vectors * raised) @ vectors.T * np.outer(scale, scale)
     found = 0.5 * (found + found.T)
     return found + np.diag(np.maximum(least**2 - np.diag(found), 0.0))
+
+
+def ground_given(call: str, given: Any, scenario: Scenario) -> Ground:
+    """Return ground, or a map of it, that is given for a scenario."""
+    try:
+        if scenario.corridor is not None:
+            raise ScenarioError(call, [Fault("map", given, "must not be given beside a corridor")])
+        return given if isinstance(given, Ground) else Ground(**given if isinstance(given, Mapping) else {"map": given})
+    except ScenarioError as error:
+        raise ScenarioError(call, error.faults) from None
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:

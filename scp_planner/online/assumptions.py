@@ -8,8 +8,9 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.following import Following
 from scp_planner.online.plan import OnlinePlan
-from scp_planner.online.tolerances import LATE, OFF, RELATIVE, TIME
+from scp_planner.online.tolerances import LATE, LENGTH, OFF, RELATIVE, TIME
 from scp_planner.online.vetting import Moment
+from scp_planner.scenario.checks import room_on_map
 from scp_planner.scenario.models import Bounds
 from scp_planner.scenario.units import NaturalUnits
 
@@ -31,6 +32,8 @@ class Assumptions:
         if bounds is not None and wider is not None and bounds is not wider:
             out = float(np.subtract([bounds.min, wider.max], [wider.min, bounds.max]).max()) * self._units.length
             found["bounds"] = f"the vehicle is {out:.3g} m outside of the bounds: plans go no farther out"
+        if room_on_map(now.scenario, now.scenario.start) < now.scenario.vehicle.radius - LENGTH:
+            found["map"] = "the vehicle is on occupied cells of the map"
         if before is not None and last is not None:
             found |= self._escaped(before, now, last.trip.frame) | self._off(before, now, last, following)
         new = tuple(text for key, text in found.items() if key not in self._told)

@@ -91,16 +91,15 @@ class Decision:
         last, moving = now.last, now.moment.moving
         if last is not None and last.outcome in AWAY:
             last = None
-        if now.moment.lost is not None:
-            return self._stopped(now, now.moment.lost)
+        if now.unrouted is not None or now.moment.lost is not None:
+            return self._without_goal(now, last)
         if moving is not None:
             self.arrival.move(moving, now.moment.state.time)
         arriving = self._arriving(now, last)
         if arriving is not None:
             return arriving
-        now.aimless = now.last is None or (
-            last is not None and moving is None and not self.arrival.is_end_of(last.trip)
-        )
+        elsewhere = last is not None and moving is None and not self.arrival.is_end_of(last.trip)
+        now.aimless = now.last is None or now.begin is not None or elsewhere
         if last is None or now.aimless:
             return self._anew(now, None, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal:
@@ -147,6 +146,14 @@ class Decision:
         x, y = stop.position(stop.arrival_time).tolist()
         ends = there or arrival.is_there((x, y), front)
         return stop if ends and stop.safe else None
+
+    def _without_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
+        """Stop; where a route is missing, drive on by the last plan while that can be left for a stop."""
+        reason = now.unrouted or now.moment.lost or OTHERWISE
+        kept = None if last is None or now.unrouted is None else self._still_on(now, last)
+        if kept is None:
+            return self._stopped(now, reason)
+        return self._means.plan_of(kept, now, Outcome.KEPT, reason=reason)
 
     def _stopped(self, now: Replan, reason: Reason) -> OnlinePlan:
         """Stop straight on, or where that stays clear."""
@@ -220,6 +227,11 @@ class Decision:
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> Vetted | Refusal:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
+        if last is None and now.begin is not None:
+            found = self._begun(now, fresh, now.begin)
+            if isinstance(found, Vetted):
+                return found
+            refusal = found
         if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
             if isinstance(found, Vetted):
@@ -232,6 +244,15 @@ class Decision:
             self._put_off = True
             return refusal
         return self._looked(now, fresh) or refusal
+
+    def _begun(self, now: Replan, fresh: Renewal, begin: Trip) -> Vetted | Refusal:
+        """Set out on a trip that was found, from where the vehicle is."""
+        vetted = self._means.vetting.vet_on(now.moment, begin, self._means.foreseen, math.inf, True)
+        if vetted is not None:
+            return vetted
+        run = self._run(now, fresh.loop, fresh.left_of(begin))
+        found, steps = run.evaluation, len(run.record)
+        return self._means.vet(now, CandidateKind.ROUTE, fresh.loop.problem, found.trajectory, found, steps)
 
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
         """Look at other ways round, where that is due."""

@@ -141,9 +141,9 @@ class Fallback:
         return [Stop(last.trip, last.trip.frame.time)]
 
     def _as_promised(self, now: Replan) -> Vetted | None:
-        """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""
+        """The last plan's stop, if it still holds."""
         moment, last = now.moment, now.last
-        if moment.state.acceleration is None or last is None or last.stop is None:
+        if last is None or last.stop is None:
             return None
         stop = Stop(last.stop, last.branch_time)
         begun = moment.state.time > stop.branch + TIME

@@ -14,6 +14,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.mathematics import corridor
+from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Deviation, Following
@@ -87,6 +89,8 @@ class Replan:
     timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
     aimless: bool = False  # No plan so far leads to the goal
+    begin: Trip | None = None  # A trip to the goal over a map, which has been found
+    unrouted: Reason | None = None  # Why there is no route over the map
     candidates: dict[int, Candidate] = field(default_factory=dict)  # What was looked at so far, by the ids of trips
 
     @property
@@ -130,6 +134,9 @@ class Means:
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
+        self._ground = corridor_zones(given)
+        if given.ground is not None:  # of which the corridor is a part that was grown
+            self._ground = tuple(replace(one, id=MAP) if one.id == corridor.NAME else one for one in self._ground)
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
@@ -161,7 +168,7 @@ class Means:
         self.inbox.forget(state.time)
         way = self.online.give_way
         self.gives_way_late = not self.obstacles.wander if way is None else way is GiveWay.LATE
-        zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
+        zones = self.obstacles.zones(state.time) + self._ground
         scenario, goal = self.scenario_at(state), self.given.goal
         if goal.target is None:
             return Moment(state, scenario, zones, self.following.tube, onward=self.onward)

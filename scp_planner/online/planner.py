@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
@@ -15,27 +15,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.errors import ScenarioError
+from scp_planner.mathematics.occupancy import NAME
 from scp_planner.online.arguments import _point, check_number, direction, speeding
 from scp_planner.online.assumptions import Assumptions
+from scp_planner.online.changeable import Changeable
 from scp_planner.online.decision import Decision
 from scp_planner.online.following import Following, larger
 from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.perception import Perception
+from scp_planner.online.over_map import RouteAhead
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
-from scp_planner.scenario.models import Goal, Passage, Scenario, Steering
+from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.scenario.places import anchored
-from scp_planner.scenario.targets import obstacle_met
-from scp_planner.scenario.underway import Underway
 from scp_planner.scenario.units import NaturalUnits, changed
-from scp_planner.scenario.validation import unknown_key
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
@@ -49,11 +47,10 @@ SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100,
 """Default settings of plans in the loop, where there is no time to make up for small violations between samples."""
 
 
-GROUND = ("walls", "bounds", "corridor", "speed_limits")
 """Fields of a scenario that are its ground."""
 
 
-class Planner(Perception):
+class Planner(Changeable):
     """A planner that is called again and again while the vehicle drives.
 
     Parameters
@@ -146,10 +143,12 @@ class Planner(Perception):
         given = anchored(scenario.model_copy(update=changes))
         backward = self._legs is not None and self._legs.backward
         self._legs = LegsAhead(given, backward) if may_back_up(given) else None
+        routed = given.ground is not None and given.goal.target is None and not given.goals and self._legs is None
+        self._route = RouteAhead(given) if routed else None
         self._set_out(given if self._legs is None else self._legs.scene, solver)
 
     def _set_out(self, given: Scenario, solver: QpSolver) -> None:
-        """Plan for the leg under way, or for all of it."""
+        """Plan in a scene from now on: for the leg under way, the ground along a route over the map, or all of it."""
         following = Following.of(given.vehicle, self._online, self._tube)
         onward = self._legs is not None and self._legs.onward
         self._means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver, onward)
@@ -185,98 +184,7 @@ class Planner(Perception):
     @property
     def zones(self) -> tuple[ThreatZone, ...]:
         """The zones that the last plan was made with: with the planner's margin."""
-        return tuple(zone.outside(self._units) for zone in self._zones)
-
-    def set_goal(
-        self,
-        goal: Goal | Mapping[str, Any],
-        guide: ArrayLike | None = None,
-        goals: Sequence[Passage | Mapping[str, Any]] = (),
-    ) -> None:
-        """Drive to another goal from the next replan on; tracks, the plan and its certified stop are kept.
-
-        Parameters
-        ----------
-        goal : Goal or mapping
-            As in a scenario.
-        guide : (n, 2), optional
-            m, from about where the vehicle is to the goal; the last one leads to the last goal and is dropped.
-        goals : sequence of Passage or mapping
-            Places to pass before it, in place of those that are left.
-
-        Raises
-        ------
-        ScenarioError
-            With all that is wrong with it; then nothing has changed.
-        """
-        self._change("set_goal", goal=goal, guide=guide, goals=list(goals))
-
-    def set_limits(self, **limits: Any) -> None:
-        """Drive within other limits of the vehicle from the next replan on.
-
-        Parameters
-        ----------
-        **limits
-            Fields of `Vehicle`, such as ``max_speed``; the others stay.
-
-        Raises
-        ------
-        ScenarioError
-            As :meth:`set_goal`.
-        EstimationError
-            If the vehicle may drive or turn faster than the tube was recorded for.
-        """
-        self._change("set_limits", vehicle={**dict(self._asked.vehicle), **limits})
-
-    def set_ground(self, **ground: Any) -> None:
-        """Drive over another ground from the next replan on.
-
-        The last plan goes on only if it, or the stop from it, is certified over the new ground, too.
-
-        Parameters
-        ----------
-        **ground
-            Of ``walls``, ``bounds``, ``corridor`` and ``speed_limits`` those that change, as in a scenario. The vehicle
-            may be outside of them: it is not safe then, and finds its way out if there is one.
-
-        Raises
-        ------
-        ScenarioError
-            As :meth:`set_goal`.
-        """
-        unknown = [unknown_key(name, value, GROUND) for name, value in ground.items() if name not in GROUND]
-        if unknown:
-            raise ScenarioError("set_ground", unknown)
-        self._change("set_ground", **ground)
-
-    def set_walls(self, walls: Sequence[ArrayLike]) -> None:
-        """Drive among other walls, convex polygons, (n, 2) m each: :meth:`set_ground` of these alone."""
-        self.set_ground(walls=walls)
-
-    def _change(self, call: str, **changes: Any) -> None:
-        """Check changes of what is asked for, in the user's units, and take them up."""
-        start = self._asked.start
-        if self._state is not None:
-            start = self._units.inverse.scenario(self._left(self._state)).start
-        name = obstacle_met(changes.get("goal"))
-        if name is not None:
-            self._check_known(call, name)
-        seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id == name]
-        try:
-            left = self._asked.goals[len(self._asked.goals) - len(self.given.goals) :]
-            now = {"start": start, "obstacles": seen, "goals": left}
-            asked: Scenario = Underway(**{**dict(self._asked), **now, **changes})
-        except ScenarioError as error:
-            raise ScenarioError(call, error.faults) from None
-        asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))
-        inside = self._units.scenario(asked)
-        with self._inbox.work:
-            self._obstacles.replace(*inside.obstacles)
-            self._take_up(inside, self.solver)
-            self._obstacles.widen(self._online.margin(inside.vehicle.max_speed))
-            self._asked = asked.model_copy(update={"obstacles": ()})
-        for each in self.listeners:
-            each.changed(asked)
+        return tuple(zone.outside(self._units) for zone in self._zones if zone.id != NAME)
 
     @property
     def scenario(self) -> Scenario:
@@ -287,7 +195,11 @@ class Planner(Perception):
         made = self.given
         if self._state is not None:
             made = self._left(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
-        return self._units.inverse.scenario(made)
+        made = self._units.inverse.scenario(made)
+        if self._route is None:
+            return made
+        guide = self._route.asked.guide and made.guide  # the planner's own and its corridor were not asked for
+        return changed(made, corridor=None, guide=guide, ground=self._asked.ground)
 
     def _left(self, state: State) -> Scenario:
         """Return what is left of the scenario at a state, without obstacles."""
@@ -356,6 +268,8 @@ class Planner(Perception):
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")
+            if self._route is not None:
+                self._on_route(now, self._route)
             if self._legs is None:
                 whole = plan = self._decision.answer(now)
             else:
@@ -392,6 +306,14 @@ class Planner(Perception):
         now = replace(now, moment=self._means.moment(reported(), None))
         now.last = self._last = legs.first(now, self._means)
         return now
+
+    def _on_route(self, now: Replan, route: RouteAhead) -> None:
+        """Look for a route over the map, where that is due, and plan along it."""
+        if route.renewed(now, self._means):
+            self._set_out(route.scene, self.solver)
+            now.moment = self._means.moment(now.moment.state, now.last)
+        now.begin, now.unrouted = route.begin, route.none
+        now.lap("route")
 
     def _ask(self, predictor: Predictor, now: float, position: ArrayLike) -> None:
         """Take in what a predictor says, for the time that the trip may take."""

@@ -14,6 +14,7 @@ from scp_planner.certificate.check import certify
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.pauses import Steps, all_at_once
 from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.routes.outlines import StandingShape, standing_shapes
@@ -60,24 +61,35 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         found = _certified(scenario, plan(bare, _left(began, time_limit)))
         told = replace(found, status=PlanStatus.INFEASIBLE, reason=_no_route(scenario, ground.map, routes.standing))
         return found if found.certified else told
-    search = _CorridorSearch(scenario, plan, routes, began, time_limit)
-    return replace(search.run(route), wall_time=perf_counter() - began)
+    search = CorridorSearch(scenario, plan, routes, began, time_limit)
+    return replace(all_at_once(search.run(route)), wall_time=perf_counter() - began)
 
 
-class _CorridorSearch:
+def ground_along(routes: MapRoutes, lines: Sequence[Array]) -> list[Array]:
+    """Return convex polygons, (k, 2) m each, without occupied cells along polylines, (n, 2) m each."""
+    off = OVER_MAP.straight * routes.scenario.vehicle.radius
+    return [piece for line in lines for piece in routes.along(straightened(line, off))]
+
+
+def with_ground(scenario: Scenario, grown: Sequence[Array]) -> Scenario:
+    """Return a scenario in some ground, in place of its map."""
+    pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in grown)
+    return changed(scenario, ground=None, corridor=pieces)
+
+
+class CorridorSearch:
     """Plans in corridors along routes, then along the best trip, while it gets faster."""
 
     def __init__(
         self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, began: float, time_limit: float | None
     ) -> None:
         self.scenario, self.plan, self.routes, self.began, self.time_limit = scenario, plan, routes, began, time_limit
-        self.bare = changed(scenario, ground=None)
         self.iterations = 0
         self.grown: list[Array] = []
         self.best: Plan | None = None
 
-    def run(self, shortest: Array) -> Plan:
-        """Return the fastest certified trip; else the best attempt."""
+    def run(self, shortest: Array) -> Steps[Plan]:
+        """Find the fastest certified trip, or else the best attempt; a step is one plan."""
         lines = [shortest] if self.routes.drivable is None else [self.routes.drivable, shortest]
         if self.scenario.guide is not None or may_have_legs(self.scenario):  # which find guides of their own
             if self.scenario.guide is not None:
@@ -86,13 +98,16 @@ class _CorridorSearch:
             self._along(lines)
         else:
             for line in lines:
-                if not (self._certified and (self._least(line) >= self._time or self._leads_through(line))):
+                if not (self._certified and (self.least(line) >= self._time or self._leads_through(line))):
                     self._along([line], line)
+                    yield
             if not self._certified and len(self.routes.along(shortest)) <= MAPS.most_open:
                 self._along(lines)
+                yield
             for _ in range(OVER_MAP.grown):
                 if not self._certified or self._over or not self._regrown():
                     break
+                yield
         assert self.best is not None
         return replace(self.best, iterations=self.iterations)
 
@@ -104,7 +119,7 @@ class _CorridorSearch:
     def _time(self) -> float:
         return np.inf if self.best is None else self.best.travel_time
 
-    def _least(self, line: Array) -> float:
+    def least(self, line: Array) -> float:
         """Time along a polyline, but for its bends, s."""
         start, goal = self.scenario.start, self.scenario.goal
         length = float(np.hypot(*np.diff(line, axis=0).T).sum()) - goal.radius
@@ -140,11 +155,8 @@ class _CorridorSearch:
         """Plan in the ground along some polylines, at first along one of them, and keep the better plan."""
         if self.best is not None and self._over:
             return
-        radius = self.scenario.vehicle.radius
-        straight = [straightened(line, OVER_MAP.straight * radius) for line in lines]
-        self.grown = [piece for line in straight for piece in self.routes.along(line)]
-        pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in self.grown)
-        within = self.bare.model_copy(update={"corridor": pieces})
+        self.grown = ground_along(self.routes, lines)
+        within = with_ground(self.scenario, self.grown)
         if along is not None:
             along = np.concatenate([[self.scenario.start.position], along[1:-1], [self.scenario.goal.position]])
         found = _certified(self.scenario, self.plan(within, _left(self.began, self.time_limit), along))

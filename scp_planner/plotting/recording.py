@@ -255,7 +255,8 @@ def _record_obstacles(
         _record_obstacle(one, every_zone[one.id], time, clearances[one.id], _true_centers(truth.get(one.id), time))
         for one in scenario.obstacles
     ]
-    return (*bodies, *(record_outside(name, clearances[name]) for name in ground_of(scenario)))
+    grounds = [name for name in ground_of(scenario) if name in clearances]  # the cells of a map are no zone
+    return (*bodies, *(record_outside(name, clearances[name]) for name in grounds))
 
 
 def points_at(time: Array, known: Array, points: Array, beyond: float | None = None) -> Array:

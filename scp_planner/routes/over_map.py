@@ -25,6 +25,7 @@ class MapSettings:
     blocks: int = 250_000  # of cells, among which a route is looked for first
     beside: float = 12.0  # radii, to each side of the shortest route, where the vehicle may follow another one
     wide: float = 12.0  # radii to each side, that the ground along a route is at most wide
+    least: float = 0.5  # radii to each side, that it is wide
     long: float = 8.0  # radii, of a piece of ground along its route at most
     most_pieces: int = 40  # of a route; of longer ones each is longer
     most_open: int = 60  # pieces, in which trips find guides of their own; of more legs, those held before have none
@@ -119,11 +120,12 @@ class MapRoutes:
                 heading = start.heading or 0.0
                 place = np.array(start.position) + disc * np.array([cos(heading), sin(heading)])
                 found.append(self._round(place, place))
-        return [*found, self._round(route[-1], route[-1])]
+        return [piece for piece in [*found, self._round(route[-1], route[-1])] if len(piece)]
 
     def _round(self, begin: Array, end: Array) -> Array:
-        """Cut the nearest cell off a box round a leg until none is left in it (safe corridors, Liu et al. 2017)."""
-        ground, wide = self.ground, MAPS.wide * self.radius / self.ground.resolution
+        """Cut the nearest cell off a box round a leg till none is left (Liu et al. 2017); all, if the leg is on one."""
+        ground, least = self.ground, MAPS.least * self.radius / self.ground.resolution
+        wide = MAPS.wide * self.radius / ground.resolution
         one, other = ground.local([begin, end])
         along = (other - one) / max(hypot(*(other - one)), 1e-12) if (one != other).any() else np.array([1.0, 0.0])
         aside = np.array([-along[1], along[0]])
@@ -141,6 +143,8 @@ class MapRoutes:
             normal = way / max(hypot(*way), 1e-12)
             lowest = cells @ normal - 0.5 * np.abs(normal).sum()
             polygon = _cut(polygon, normal, float(lowest[k]))
+            if not _holds(polygon, np.stack([one, other]), least):
+                return np.zeros((0, 2))
             left = lowest < lowest[k] - 1e-9
             left[k] = False
             cells, apart = cells[left], apart[left]
@@ -152,7 +156,7 @@ def _holds(polygon: Array, points: Array, apart: float) -> bool:
     edges = np.roll(polygon, -1, axis=0) - polygon
     away = points[:, None] - polygon
     depth = (edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0]) / np.maximum(np.hypot(*edges.T), 1e-300)
-    return bool(depth.min() >= apart)
+    return len(polygon) > 0 and bool(depth.min() >= apart)
 
 
 def _apart(cells: Array, one: Array, other: Array) -> Array:

@@ -227,11 +227,17 @@ def ends_are_clear_of_cells(scenario: Any) -> Iterator[Objection]:
     radius = scenario.vehicle.radius
     fixed = scenario.goal.radius == 0.0 and scenario.goal.region is None and scenario.goal.target is None
     for place in ("start", "goal") if fixed else ("start",):
-        discs = _disc_centres(getattr(scenario, place), scenario)
-        room = min(scenario.ground.map.distance(centre, radius) for centre in discs)
+        room = room_on_map(scenario, getattr(scenario, place))
         if room < radius:
             text = f"must be at least {radius:g} m, the radius, from occupied cells of the map; it is {room:.6g} m"
             yield Objection((place, "position"), getattr(scenario, place).position, text)
+
+
+def room_on_map(scenario: Any, place: Any) -> float:
+    """Distance of the discs' centres at start or goal from occupied cells, m; if none touches one, any more."""
+    if scenario.ground is None:
+        return math.inf
+    return min(scenario.ground.map.distance(one, scenario.vehicle.radius) for one in _disc_centres(place, scenario))
 
 
 def stretch_is_not_empty(limit: Any) -> Iterator[Objection]:

@@ -16,6 +16,7 @@ import numpy as np
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.underway import Underway
+from scp_planner.scenario.units import changed
 from scp_planner.simulation.cycle import Cycle, ZoneRecord, record_from_dict, record_to_dict
 from scp_planner.simulation.run import Run, plan_from_dict, plan_to_dict, shape_from_dict
 from scp_planner.simulation.sensors import Observation
@@ -92,6 +93,8 @@ class Recorder:
 
     def changed(self, asked: Scenario) -> None:
         """Note another goal, ground or limits that the planner is given; the start is where it drives then."""
+        if asked.ground is not None and asked.ground.map.source is None:
+            asked = changed(asked, ground=None)  # which could not be read again
         self._writer.submit(self._write, {"changed": asked.to_dict()})
 
     def observed(self, obstacle: str, time: float, position: tuple[float, float], covariance: Any) -> None:

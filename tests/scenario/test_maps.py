@@ -15,6 +15,7 @@ from shapely import MultiPolygon, Point, box
 from shapely.affinity import affine_transform
 
 import scp_planner as sp
+from scp_planner.plotting.recording import record_plan
 from scp_planner.scenario.map_files import read_picture
 
 VEHICLE = {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "max_curvature": 2.0}
@@ -181,6 +182,7 @@ def test_a_trip_over_a_map_touches_no_cell(discs: list[float]) -> None:
     )
     assert plan.clearance.minimum <= apart + 1e-9
     assert apart >= 0.0
+    assert [one.id for one in record_plan(plan, scenario, 3).obstacles] == ["walker"]  # a picture has the cells besides
     # The same trip where a cell is on its way
     x, y = np.floor(ground.local(plan.position(0.5 * plan.travel_time))).astype(int)
     blocked = room()

@@ -1,0 +1,200 @@
+"""A map while driving: trips are planned in local ground along a route, and what is driven is certified over the cells.
+
+The ground is a corridor for all that plans; the safety gate asks the map besides. The planner of whole trips looks for
+routes, in steps of a plan each: a replan does as many as it has time for, but at least one. Meanwhile the last plan is
+driven as long as it can be left for a certified stop.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import Ends
+from scp_planner.mathematics import corridor
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.occupancy import NAME
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.online.following import Deviation
+from scp_planner.online.means import Means, Replan
+from scp_planner.online.plan import AWAY
+from scp_planner.online.reasons import REASONS, Reason, ReasonCode
+from scp_planner.online.remaining import State
+from scp_planner.online.stops import STOPS
+from scp_planner.pauses import Steps
+from scp_planner.planning.offline import planned
+from scp_planner.planning.over_map import OVER_MAP, CorridorSearch, ground_along, with_ground
+from scp_planner.planning.plan import Plan
+from scp_planner.routes.outlines import standing_shapes
+from scp_planner.routes.over_map import MapRoutes, straightened
+from scp_planner.scenario.checks import room_on_map
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import changed
+from scp_planner.settings.planning import SceneSettings
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import corridor_zones
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trip import Trip
+
+
+@dataclass(frozen=True)
+class OnlineMapParameters:
+    patience: float = 3.0  # Units of time that the vehicle stands in vain, until another route is looked for
+    growth: float = 2.0  # Factor of that from one time to the next
+    gain: float = 0.02  # Share by which another route must be faster for the vehicle to change over
+    budget: float = 1.0  # s of wall time, after which no better trip is looked for where replans have deadlines
+
+
+ONLINE_MAP = OnlineMapParameters()
+SOUGHT = Reason(ReasonCode.OUT_OF_TIME, "A route over the map is being looked for.")
+NO_ROUTE = Reason(ReasonCode.BLOCKED, "No way over the map to the goal is found.", NAME)
+ON_CELLS = Reason(ReasonCode.BLOCKED, "The vehicle is on occupied cells of the map.", NAME)
+GOAL_ON_CELLS = Reason(ReasonCode.BLOCKED, "The goal is on occupied cells of the map.", NAME)
+
+
+class RouteAhead:
+    """The ground along the route under way, and the search for another one."""
+
+    def __init__(self, asked: Scenario) -> None:
+        """Take a scenario with a map, in units of the scene."""
+        assert asked.ground is not None
+        self.asked, self.scene, self.map = asked, asked, asked.ground.map
+        self.none: Reason | None = SOUGHT  # Why no route is under way
+        self.begin: Trip | None = None  # Found, and not yet driven
+        self._left: Trip | None = None  # The trip of the last plan when it was found
+        self._grown, self._due = False, True
+        self._steps: Steps[Plan | Reason | None] | None = None
+        self._from: State | None = None  # Where the search began
+        self._again, self._patience = np.inf, ONLINE_MAP.patience
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles begin a search under way anew."""
+        return {**self.__dict__, "_steps": None}
+
+    def renewed(self, now: Replan, means: Means) -> bool:
+        """Look for a route up to the deadline, where that is due; return True if the ground is another one."""
+        state, last, grown = now.moment.state, now.last, self._grown
+        leads = last is not None and last.outcome not in AWAY and means.arrival.is_end_of(last.trip)
+        if leads and last is not None and last.trip is not self._left:
+            self.begin = None
+        elif self.begin is not None and state.speed <= STOPS.standing:
+            self.begin = Trip(replace(self.begin.frame, time=state.time), self.begin.trajectory)
+            self._due = self._due or not means.vetting.is_on(now.moment, self.begin)
+        if not grown:  # Another map or goal: what is driven may still be as good as any
+            alone = replace(now.moment, zones=())
+            if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
+                self.none = None
+            self._grow(now, means, [])
+        elif state.speed > STOPS.standing:
+            self._again, self._patience = state.time + self._patience, ONLINE_MAP.patience
+        elif state.time >= self._again and not means.arrival.is_there(state.position):
+            self._due, self._again = True, np.inf
+        return (self._due and self._searched(now, means, leads)) or not grown
+
+    def _searched(self, now: Replan, means: Means, leads: bool) -> bool:
+        state = now.moment.state
+        if self._steps is None or (state.speed <= STOPS.standing and not _is_there(self._from, state, means)):
+            self._from = state
+            left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
+            self._steps = self._search(now, means, left if self.none is None else np.inf)
+        try:
+            next(self._steps)
+            while not now.late:
+                next(self._steps)
+        except StopIteration as end:
+            return self._take(end.value, now, means)
+        return False
+
+    def _search(self, now: Replan, means: Means, left: float) -> Steps[Plan | Reason | None]:
+        """Find the fastest trip among what stands, or over the map alone; None if it is no faster than a time, s."""
+        scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
+
+        def one(within: Scenario, left: float | None, along: Array | None = None) -> Plan:
+            settings = replace(means.settings, clearance_margin=SceneSettings.clearance_margin)
+            found = (*standing, *corridor_zones(within))
+            return planned(within, settings, None, left, threat_zones=found, along=along)
+
+        while True:
+            shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
+            batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
+            routes = MapRoutes(scene, self.map, standing_shapes(batch))
+            line = routes.route()
+            yield
+            if line is not None or not standing:
+                break
+            standing = ()
+        if line is None:
+            places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
+            return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
+        budget = ONLINE_MAP.budget if np.isfinite(now.deadline) else None
+        search = CorridorSearch(scene, one, routes, perf_counter(), budget)
+        if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
+            return None
+        found = yield from search.run(line)
+        return found if found.travel_time < left * (1.0 - ONLINE_MAP.gain) else None
+
+    def _take(self, found: Plan | Reason | None, now: Replan, means: Means) -> bool:
+        """Drive what was found from now on; where there is none, go on as before."""
+        state, last = now.moment.state, now.last
+        self._steps, self._due, self._again = None, False, state.time + self._patience
+        self._patience *= ONLINE_MAP.growth
+        if not (isinstance(found, Plan) and found.certified):
+            self.none = self.none and (found if isinstance(found, Reason) else NO_ROUTE)
+            return False
+        self.none, self.begin = None, found.trip
+        self._left = None if last is None else last.trip
+        self._grow(now, means, [_ahead(found.trip, state)])
+        return True
+
+    def _grow(self, now: Replan, means: Means, lines: list[Array]) -> None:
+        """Grow the ground along polylines, (n, 2) m, from here to the goal, and along what is driven."""
+        state, last = now.moment.state, now.last
+        if last is not None and (state.speed > STOPS.standing or not lines):
+            lines = [*lines, _ahead(last.trip, state)]
+        scene = self._scene_at(state, means)
+        pieces = ground_along(MapRoutes(scene, self.map), lines or [np.array([state.position] * 2)])
+        guide = self.asked.guide
+        if guide is None and self.none is None:
+            line = straightened(lines[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
+            guide = (*((x, y) for x, y in line.tolist()), self.asked.goal.position)
+        grown = with_ground(self.asked, pieces) if pieces else self.asked
+        self.scene, self._grown = changed(grown, ground=self.asked.ground, guide=guide), True
+
+    def _scene_at(self, state: State, means: Means) -> Scenario:
+        """Return what is left of the scenario over the map."""
+        asked, radius = self.asked, means.given.vehicle.radius + means.following.room
+        scene = means.scenario_at(state)
+        guide, vehicle = asked.guide and scene.guide, changed(scene.vehicle, radius=radius)
+        return changed(scene, corridor=None, guide=guide, vehicle=vehicle)
+
+
+def _ahead(trip: Trip, state: State) -> Array:
+    """Return places (n, 2) m on what is left of a trip, from a state on."""
+    times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, OVER_MAP.places)
+    return np.concatenate([[state.position], trip.frame.to_world(trip.positions_at(times[1:]))])
+
+
+def _is_there(before: State | None, state: State, means: Means) -> bool:
+    """True if a vehicle that stands is where it was."""
+    if before is None or (before.heading is None) != (state.heading is None):
+        return False
+    turned = abs(math.remainder((state.heading or 0.0) - (before.heading or 0.0), 2.0 * math.pi))
+    return means.following.allows(Deviation(math.dist(before.position, state.position), 0.0, turned))
+
+
+def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:
+    """Return the zones of obstacles that stand, or hardly move, as they are now."""
+    time, found = now.moment.state.time, list[ThreatZone]()
+    still = REASONS.still * means.given.vehicle.max_speed
+    for zone in now.moment.zones:
+        speed = np.hypot(*zone.centers.derivative.grid(np.array([time]))[0, 0])
+        if zone.id not in (NAME, corridor.WALLS) and speed < still:
+            at = PiecewisePolynomials.single(0.0, zone.center(time)[None])
+            spread = zone.covariances and PiecewisePolynomials.single(0.0, zone.covariances.grid(np.array([time]))[0])
+            found.append(replace(zone, centers=at, covariances=spread))
+    return tuple(found)
