@@ -46,7 +46,9 @@ def test_without_its_extra_an_example_names_it(name: str, tmp_path: Path) -> Non
     start = f"import runpy; sys.argv = ['x', '-o', {target!r}]; runpy.run_path({script!r}, run_name='__main__')"
     environment = {key: value for key, value in os.environ.items() if key != "SCP_PLANNER_DATA"}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
-    done = subprocess.run([sys.executable, "-c", hidden + start], env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", hidden + start], env=environment, capture_output=True, text=True, cwd=tmp_path
+    )
     assert done.returncode in (0, 1, 2) and "Traceback" not in done.stderr, done.stderr
     assert done.returncode == 0 or "pip install 'scp-planner[" in done.stderr or "save it as" in done.stderr
 
@@ -102,6 +104,7 @@ def test_every_example_is_tested_here() -> None:
         "overtaking_oncoming",
         "own_constraint",
         "recorded_crowd",
+        "robot_loop",
         "ros2_node",
         "watch",
     }
@@ -130,6 +133,13 @@ def test_example_ends_in_a_figure(name: str, tmp_path: Path, capsys: pytest.Capt
     assert told.err == ""
     assert_is_picture(figure)
     assert list(tmp_path.iterdir()) == [figure]
+
+
+def test_the_robot_is_at_its_three_goals_in_turn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "robot.png"
+    assert load("robot_loop").main(["-o", str(figure), "--record", str(tmp_path / "robot.jsonl")]) == 0
+    assert capsys.readouterr().out.startswith("3 goals in ")
+    assert_is_picture(figure)
 
 
 def test_recorded_crowd(recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
