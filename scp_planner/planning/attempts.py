@@ -85,7 +85,7 @@ class CheckedRun(Generic[RunT]):
 
     def better_than(self, other: CheckedRun[RunT] | None) -> bool:
         """Certified before not certified, then faster; without certificates the lesser violation."""
-        if self.certificate is None:
+        if self.certificate is None and not self.holds:
             return False
         if other is None:
             return True

@@ -2,7 +2,8 @@
 
 With tau(T) the travel time of the fastest trip to the target's place T after the start, the meeting is the first root
 of tau(T) - T. Each tau is that of a trip to a goal that stands: ways to it are searched for once, and again where the
-time has changed much; in between the last trip is led to the new place.
+time has changed much; in between the last trip is led to the new place. Where that changes it by no more than margins
+allow, it is not run again: the same trip, turned and dilated in space and time alike, arrives with the target.
 """
 
 from __future__ import annotations
@@ -10,18 +11,23 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import dist, inf
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.planning.attempts import ATTEMPTS
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import for_scene
+from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.target import TargetMotion
-from scp_planner.trips.trajectory import arriving
+from scp_planner.trips.trajectory import Trajectory, arriving
 
 logger = logging.getLogger(__name__)
 
@@ -30,82 +36,166 @@ logger = logging.getLogger(__name__)
 class MeetingSettings:
     """Precision and work of the search for the time of a meeting."""
 
-    precision: float = 1e-6  # relative, of the time of the meeting
-    near: float = 2e-4  # of the time, by which a trip comes late or early where what it promises is the meeting
-    far: float = 0.2  # relative change of the time after which ways to the new place are searched for
-    searches: int = 4  # of ways, at most
+    dilated: float = 0.5  # of the margin of limits: so much a trip may be dilated
+    rounding: float = 1e-9  # relative, of the time of the meeting
+    looks: int = 129  # at times at which something may cover the place to meet
+    closer_looks: int = 3  # between two of them
+    dilations: int = 4  # until the trip arrives with the target, where turning it changes more than its direction
+    apart: float = 2e-4  # relative, of times whose trips tell how delays change with the time
+    jump: float = 1e-3  # relative, of times before which trips come late, and after which they come early
+    far: float = 0.02  # relative change of the time after which ways to the new place are searched for
+    searches: int = 6  # of ways, at most
     trips: int = 16  # at most
     slowest: float = 1e-2  # units of speed, that a trip is taken to end with at least
     slowest_gain: float = 1e-2  # of the speed, on the target; limits and times are kept no more exactly than for that
     fast_gain: float = 0.7  # of the speed: below it a trip with usual margin and tolerance is not good enough
     later: float = 1.25  # times the time to which no trip is found, that is tried next
     longest: float = 2.0  # times the last time, that the next one is at most
-    # Relative delays of the meeting that are tried in turn where no trip arrives just then
-    delays: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
 MEETING = MeetingSettings()
-Searched = Callable[[Task], ScpRun]
+NONE_EARLY: tuple[float, ScpRun | None] = (inf, None)
+Searched = Callable[[Task, ScpRun | None], ScpRun | None]
 
 
 class MeetingSearch:
-    """Search for the meeting with the target of a scenario, in natural units."""
+    """Search for the meeting with the target of a scenario, in natural units.
+
+    ``searched`` returns the fastest trip of a task that is faster than a known one.
+    """
 
     def __init__(self, task: Task, scenario: Scenario, target: TargetMotion, least: float, searched: Searched) -> None:
-        self.task, self.scenario, self.target, self.least, self._searched = task, scenario, target, least, searched
+        # The trip that arrives with the target is certified; where it fails, so are those before
+        self.task, self.scenario, self.target = replace(task, provisional=True), scenario, target
+        self._searched = searched
+        earliest = scenario.goal.earliest_arrival or scenario.start.time
+        self.least = max(least, earliest - scenario.start.time)
         self._points: list[tuple[float, float]] = []  # times of meetings, s, and by how much their trips come late
+        self._surely: list[tuple[float, float]] = []  # those of them where all ways were searched
+        self._late = NONE_EARLY  # earliest time, s, at which a trip comes early, and that
+        self._shut = 0.0  # latest time of a meeting to which no trip was found, s
+        self._frame = PlanningFrame(scenario.start.position, 0.0, scenario.start.time)
+        self._waits = False  # True if trips come early to the next time, and late to times before it
 
     def run(self) -> ScpRun:
         """Return the trip that meets the target, judged by the scenario; else the best attempt."""
-        if self.least == inf:
-            there = changed(self.scenario, goal=self.target.goal_at(self.scenario.goal, self.scenario.start.time))
-            best = self._searched(self._task_at(straight_trip_time(there, Limits.of(there))))
-            return best.runs.judged(best.run, self.scenario)
-        time = searched = self.least
-        best, searches = self._searched(self._task_at(time)), 1
+        return self._gets_away() if self.least == inf else self._earliest()
+
+    def _earliest(self) -> ScpRun:
+        time, searched, searches = self._cleared(self._estimate()), 0.0, 0
+        led_from: ScpRun | None = None  # the one that arrives early at the earliest time; else the last one
+        met: ScpRun | None = None
         for _ in range(MEETING.trips):
-            if _arrives(best):
-                self._points.append((time, best.travel_time - time))
-            if self.task.out_of_time or (_arrives(best) and self._is_met(best)):
-                break
-            time = self._next(best) if _arrives(best) else MEETING.later * time
-            near = abs(time - searched) <= MEETING.far * searched
-            go_on = _arrives(best) and (near or searches == MEETING.searches)
-            led = self._led_to(best, time) if go_on else None
-            if led is not None and _arrives(led):
-                best = led
-            elif searches < MEETING.searches:
-                best, searched, searches = self._searched(self._task_at(time)), time, searches + 1
+            found = led = None if led_from is None else self._led_to(led_from, time, checked=met is not None)
+            known = found if found is not None and found.holds else None
+            if searches < MEETING.searches and (known is None or self._unsure(known, time, searched)):
+                other = self._searched(self._task_at(time), known)
+                searched, searches = time, searches + 1
+                if other is not None and (known is None or (other.holds and other.travel_time < known.travel_time)):
+                    found, self._points = other, [*self._surely]  # what other ways take tells nothing of this one
+                if found is not None and found.holds:
+                    self._surely.append((time, found.travel_time - time))
+            assert found is not None, "the first run is never cut off"
+            if found.holds:
+                led_from = self._kept(found, time)
+                if searches == MEETING.searches or not self._unsure(found, time, searched):
+                    again = self._met(found, time, exact=found is led)
+                    met = again if again is not None and again.better_than(met) else met
             else:
+                self._shut = max(self._shut, time)
+            if self.task.out_of_time or (met is not None and met.holds):
                 break
-            logger.info("meeting after %.6f units of time: its trip takes %.6f", time, best.travel_time)
-        return self._on_time(best)
+            logger.info("meeting after %.6f units of time: its trip takes %.6f", time, found.travel_time)
+            before, time = time, self._next(found if found.holds else led_from)
+            if searches == MEETING.searches and (led_from is None or (time == before and not found.holds)):
+                break
+            if met is not None and self.task.provisional:  # with certificates trips take longer
+                self.task, self._points, self._surely = replace(self.task, provisional=False), [], []
+                self._late = NONE_EARLY
+                searched, searches = 0.0, 0
+        assert found is not None, "there is a first trip"
+        return met or found.runs.judged(found.run, self.scenario)
 
-    @property
-    def _bracket(self) -> tuple[float, float]:
-        """Latest time to which the trip comes late, and earliest one to which it does not, s."""
-        early = max((time for time, late in self._points if late > 0.0), default=self.least)
-        return early, min((time for time, late in self._points if late <= 0.0), default=inf)
+    def _kept(self, found: ScpRun, time: float) -> ScpRun:
+        """Note how late a trip comes to a meeting after a time, s; return the one that others are led from."""
+        if found.travel_time <= time < self._late[0]:
+            self._late = (time, found)
+        self._points.append((time, found.travel_time - time))
+        return self._late[1] or found
 
-    def _is_met(self, best: ScpRun) -> bool:
-        """True if the next trip will meet the target, and the last one was as exact as it takes."""
-        (early, late), (time, missed) = self._bracket, self._points[-1]
-        if best.certificate is not None and self._gains(best, time) < MEETING.fast_gain:
-            return False
-        return late - early <= MEETING.precision * time or abs(missed) <= MEETING.near * time
+    def _gets_away(self) -> ScpRun:
+        """A trip towards a target that gets away, whatever is in the way."""
+        there = changed(self.scenario, goal=self.target.goal_at(self.scenario.goal, self.scenario.start.time))
+        task = self._task_at(straight_trip_time(there, Limits.of(there)))
+        runs = CheckedRuns(replace(task, threat_zones=()))
+        return CheckedRuns(task).judged(runs.unchecked(next(bows(runs.problem))).run, self.scenario)
 
-    def _next(self, best: ScpRun) -> float:
+    def _estimate(self) -> float:
+        """Time of the meeting where nothing is in the way, and turning takes no time, s."""
+        time = self.least
+        for _ in range(MEETING.trips):
+            scenario = self._task_at(time).scenario
+            before, time = time, max(straight_trip_time(scenario, Limits.of(scenario)), self.least)
+            if abs(time - before) <= MEETING.far * before or time > MEETING.longest * self.least:
+                break
+        return min(time, MEETING.longest * self.least)
+
+    def _unsure(self, found: ScpRun, time: float, searched: float) -> bool:
+        """True if a trip about meets the target, and another way may be faster."""
+        enough = found.travel_time <= self.least * (1.0 + ATTEMPTS.good_enough)
+        near = self._waits or abs(found.travel_time - time) <= MEETING.far * time
+        return near and not enough and abs(time - searched) > MEETING.far * time
+
+    def _next(self, best: ScpRun | None) -> float:
         """Time that the last trip promises for the meeting, or the middle of what is known, s."""
-        (early, late), (time, missed) = self._bracket, self._points[-1]
+        # Trips come late until then, or there is none; and the earliest time to which they do not
+        late = self._late[0]
+        early = max((time for time, late in self._points if late > 0.0), default=self.least)
+        early = max(early, self._shut if self._shut < late else 0.0)
+        self._waits = late < inf and late - early <= MEETING.jump * late
+        if best is None or not self._points:
+            return self._cleared(MEETING.later * early)
+        if self._waits:
+            return late
+        time, missed = self._points[-1]
         slope = self._slope(best, time)
-        if len(self._points) > 1 and abs(self._points[-2][0] - time) > MEETING.near * time:
+        if len(self._points) > 1 and abs(self._points[-2][0] - time) > MEETING.apart * time:
             other, before = self._points[-2]
             slope = (missed - before) / (time - other)
-        wanted = time - missed / min(slope, -MEETING.slowest_gain)
-        wanted += 0.25 * MEETING.precision * time  # rather just after the meeting than just before it
-        if early < wanted < late:
-            return min(wanted, MEETING.longest * time)
-        return 0.5 * (early + late) if late < inf else MEETING.longest * time
+        wanted = min(time - missed / min(slope, -MEETING.slowest_gain), MEETING.longest * time)
+        if not early < wanted < late:
+            wanted = 0.5 * (early + late) if late < inf else MEETING.later * early
+        return min(self._cleared(wanted), late)
+
+    def _cleared(self, time: float) -> float:
+        """The time, or the first one after it at which nothing covers the place to meet, s."""
+        if not len(self.task.threat_zones) or 0.0 not in self.scenario.vehicle.discs:
+            return time
+        low, high = time, MEETING.longest * time
+        if self._clear(np.array([time]))[0]:
+            return time
+        for _ in range(MEETING.closer_looks):
+            times = np.linspace(low, high, MEETING.looks)
+            first = int(np.argmax(self._clear(times)))
+            if not first:  # it is clear never, or by now
+                return time
+            low, high = float(times[first - 1]), float(times[first])
+        self._waits = True
+        return high
+
+    def _clear(self, times: Array) -> Mask:
+        """True at each time after the start, (n,) s, at which no zone covers the place to meet."""
+        places = self._frame.to_frame(self.target.centers.grid(self._frame.time + times)[:, 0])
+        clear: Mask = self._zones.distances(times, places).min(axis=1) > 0.0
+        return clear
+
+    @cached_property
+    def _zones(self) -> ZoneBatch:
+        """Zones, as large as they are to a vehicle that is to be within the radius of the goal."""
+        scenario, margin = self.scenario, for_scene(self.task.settings).clearance_margin
+        return ZoneBatch.of(
+            self.task.threat_zones, self._frame, scenario.vehicle.radius + margin - scenario.goal.radius
+        )
 
     def _slope(self, best: ScpRun, time: float) -> float:
         """Rate at which trips come later, the later they are to meet the target: as where the end moves along them."""
@@ -121,56 +211,73 @@ class MeetingSearch:
         return min(max(-self._slope(best, time), MEETING.slowest_gain), 1.0)
 
     def _task_at(self, time: float, *, on_time: bool = False) -> Task:
-        """The task of a trip to where the target is after a time, s; to arrive just then, or as soon as it may."""
+        """The task of a trip to where the target is after a time, s; not before that, or just then, where it waits."""
         scenario, arrival = self.scenario, self.scenario.start.time + time
         goal = self.target.goal_at(scenario.goal, arrival)
         if self.target.covariances is not None:
             goal = changed(goal, radius=0.0)  # the estimate itself: there the target is within the radius most probably
-        window = arrival if on_time else None
-        return replace(
-            self.task, scenario=changed(scenario, goal=changed(goal, earliest_arrival=window, latest_arrival=window))
-        )
+        if self._waits:
+            goal = changed(goal, earliest_arrival=arrival, latest_arrival=arrival if on_time else goal.latest_arrival)
+        return replace(self.task, scenario=changed(scenario, goal=goal))
 
-    def _led_to(self, best: ScpRun, time: float, *, on_time: bool = False) -> ScpRun:
+    def _led_to(self, best: ScpRun, time: float, *, checked: bool) -> ScpRun:
         """Go on from a trip to the same one, turned and scaled to end where the target is at another time."""
         # Margin and tolerance cost more time, the slower the vehicle gains on the target.
-        gains, task = self._gains(best, time), self._task_at(time, on_time=on_time)
+        gains, task = self._gains(best, time), self._task_at(time, on_time=True)
         given = for_scene(self.task.settings)
         finer = replace(given, limit_margin=gains * given.limit_margin, tolerance=gains * given.tolerance)
-        task = replace(task, settings=finer)
-        trip, start = best.trajectory, task.scenario.start.position
-        scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
-        guide, breakpoints = trip.space.guide.in_units(scale), tuple(trip.space.acceleration.breakpoints.tolist())
-        runs = CheckedRuns(task, guide, breakpoints, len(trip.space.path.widths))
-        problem, ends = runs.problem, runs.problem.ends
-        theta: Array = scale * trip.theta
-        theta[: ends.free.start], theta[ends.free.stop :] = ends.theta[: ends.free.start], ends.theta[ends.free.stop :]
+        runs, theta = _turned(best, replace(task, settings=finer))
+        problem, trip = runs.problem, best.trajectory
         begin = arriving(problem.space, theta, trip.beta, problem.limits.acceleration, trip.travel_time)
-        return runs.attempt(begin, loop=runs.patient_loop) if on_time else runs.unchecked(begin)
+        return runs.attempt(begin, loop=runs.patient_loop) if checked else runs.unchecked(begin)
 
-    def _on_time(self, best: ScpRun) -> ScpRun:
-        """The trip that arrives with the target, judged by the scenario."""
-        near = best.runs.judged(best.run, self.scenario)
-        if not self._points:
-            return near
-        time, delays = self._next(best), iter(MEETING.delays)
-        while not self.task.out_of_time:
-            run = self._led_to(best, time, on_time=True)
-            found = run.runs.judged(run.run, self.scenario)
-            if run.holds and found.holds:
-                return found
-            near = found if found.better_than(near) else near
-            missed = run.travel_time - time
-            if run.run.feasible and missed > MEETING.precision * time and len(self._points) < MEETING.trips:
-                self._points.append((time, missed))
-                time = self._next(run)
-            elif (delay := next(delays, None)) is not None:
-                time *= 1.0 + delay
-            else:
+    def _met(self, best: ScpRun, time: float, *, exact: bool) -> ScpRun | None:
+        """The trip to a place of the target, turned and dilated to arrive with it; None if it would change by too much.
+
+        Its speeds stay as they are, and accelerations and curvatures change by as much as its length does.
+        """
+        gains, begin, trip = self._gains(best, time), self.scenario.start, best.trajectory
+        if not exact and gains < MEETING.fast_gain:
+            return None
+        most = max(MEETING.dilated * gains * for_scene(self.task.settings).limit_margin, MEETING.rounding)
+        pace = trip.travel_time / dist(begin.position, best.runs.task.scenario.goal.position)
+        meeting = trip.travel_time
+        for _ in range(MEETING.dilations):
+            meeting = self._time_at(pace, meeting)
+            scale = meeting / trip.travel_time
+            if not abs(scale - 1.0) <= most:
+                return None
+            runs, theta = _turned(best, replace(self._task_at(meeting), settings=best.runs.task.settings))
+            led = Trajectory.of(runs.problem.space, theta, trip.beta / scale, meeting)
+            if abs(led.travel_time - meeting) <= MEETING.rounding * meeting:
+                run = replace(best.run, evaluation=replace(best.run.evaluation, trajectory=led))
+                return runs.judged(run, self.scenario)
+            pace *= led.travel_time / meeting
+        return None
+
+    def _time_at(self, pace: float, near: float) -> float:
+        """Time near another one, s, after which a trip of so many s a m, from the start, meets the target."""
+        begin = self.scenario.start
+
+        def late(time: float) -> float:
+            return pace * dist(begin.position, self.target.place(begin.time + time)) - time
+
+        before, time = near, near + late(near)
+        for _ in range(MEETING.trips):
+            if abs(late(time)) <= 0.1 * MEETING.rounding * time or late(time) == late(before):
                 break
-        return near
+            before, time = time, time - late(time) * (time - before) / (late(time) - late(before))
+        return time
 
 
-def _arrives(run: ScpRun) -> bool:
-    """True if a trip is certified, or was not looked at and keeps all constraints."""
-    return run.holds or (run.certificate is None and run.run.feasible)
+def _turned(best: ScpRun, task: Task) -> tuple[CheckedRuns, Array]:
+    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal."""
+    trip, start = best.trajectory, task.scenario.start.position
+    scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
+    guide, breakpoints = trip.space.guide.in_units(scale), tuple(trip.space.acceleration.breakpoints.tolist())
+    runs = CheckedRuns(task, guide, breakpoints, len(trip.space.path.widths))
+    theta: Array = scale * trip.theta
+    ends, free = runs.problem.ends, runs.problem.ends.free
+    theta[: free.start], theta[free.stop :] = ends.theta[: free.start], ends.theta[free.stop :]
+    theta[free] = np.clip(theta[free], ends.lower[free], ends.upper[free])
+    return runs, theta

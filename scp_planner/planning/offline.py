@@ -190,17 +190,17 @@ def planned(
     return replace(made, reason=made.reason + routes.told(scenario, units))
 
 
-def _fastest(task: Task) -> ScpRun:
-    """Return the fastest trip of a task, in the units that it is in."""
+def _fastest(task: Task, known: ScpRun | None) -> ScpRun | None:
+    """Return the fastest trip of a task, in the units that it is in; None if none is faster than the known one."""
     runs = CheckedRuns(task)
     routes = None if task.given is not None else Routes.of(runs.everything, task.deadline)
     first = None if routes is None else routes.first_beside(runs.everything.space.guide)
     if routes is not None and first is not None:
-        search = TripSearch(CheckedRuns(task, routes.take(first, runs.everything)))
+        runs = CheckedRuns(task, routes.take(first, runs.everything))
     else:
-        search = TripSearch(with_short_spans(runs, bends=routes is not None and routes.bends))
+        runs = with_short_spans(runs, bends=routes is not None and routes.bends)
+    search = TripSearch(runs, np.inf if known is None else known.travel_time, known)
     search.walk(attempts(search, routes, first is not None))
-    assert search.best is not None, "the first run is never cut off"
     return search.best
 
 
@@ -254,7 +254,8 @@ def attempts(search: TripSearch, routes: Routes | None, along: bool) -> Iterator
     if search.task.given is None:
         yield StricterLimits()
         yield MoreEffort()
-    best, goal = search.best, search.task.scenario.goal
+    best, goal = search.best or search.rival, search.task.scenario.goal
+    search.best = best
     if search.task.given is not None or best is None:  # constraints are written in stations of the guide
         return
     late = goal.latest_arrival is not None and search.task.scenario.start.time + best.travel_time > goal.latest_arrival

@@ -80,6 +80,7 @@ class Task:
     arrival_step: float | None = None  # s; the scenario lacks it: the trip is brought to a step at last
     least_time: float = 0.0  # s; no trip is faster
     thorough: bool = True  # arcs, and a proof that there is no trip, where no way leads to a certified one
+    provisional: bool = False  # a trip that keeps all constraints is taken for certified: it is changed before it is
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
     @property
@@ -110,6 +111,13 @@ class ScpRun(CheckedRun[LoopRun]):
     """A run of the loop, its certificate, and the runs that it is one of."""
 
     runs: CheckedRuns
+
+    @property
+    def holds(self) -> bool:
+        """True if it is certified; of a task that is provisional, if it keeps all constraints."""
+        if self.certificate is None:
+            return self.runs.task.provisional and self.run.feasible
+        return self.certificate.holds
 
 
 class CheckedRuns:
@@ -226,6 +234,8 @@ class CheckedRuns:
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
             near = run.evaluation.worst_violation <= mended and run.evaluation.trajectory.travel_time < cutoff
             if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower and not near):
+                return ScpRun(run, None, self)
+            if self.task.provisional and run.feasible:
                 return ScpRun(run, None, self)
             attempt = self.judged(run)
             certificate = attempt.verdict

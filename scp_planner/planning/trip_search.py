@@ -25,13 +25,13 @@ class Start:
 
 
 class TripSearch(Search[ScpRun]):
-    """Search for the fastest trip over one guide, or for one that is faster than a known travel time, s."""
+    """Search for the fastest trip over one guide, or for one that is faster than a known travel time, s, of a rival."""
 
-    def __init__(self, runs: CheckedRuns, known: float = np.inf) -> None:
+    def __init__(self, runs: CheckedRuns, known: float = np.inf, rival: ScpRun | None = None) -> None:
         task = runs.task
         enough = runs.lower_bound * (1.0 + ATTEMPTS.good_enough / task.settings.effort)
         super().__init__(task.tally, task.deadline, runs.lower_bound, enough, task.arrival_step)
-        self.runs, self.task, self.known = runs, task, known
+        self.runs, self.task, self.known, self.rival = runs, task, known, rival
         self.failed: list[Start] = []
         self.near: ScpRun | None = None  # fails by the least of those that may be faster than the known time
         self.from_ways = 0  # runs from ways

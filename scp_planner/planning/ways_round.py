@@ -208,7 +208,7 @@ def _goal_is_covered(runs: CheckedRuns) -> bool:
 def _run_from(search: TripSearch, start: Start) -> ScpRun:
     """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
     runs, cutoff = search.runs, search.cutoff
-    rival = search.best if search.certified else None
+    rival = search.best if search.certified else search.rival
     first = start.trip(FIT.smoothing)
     found = runs.attempt(first, cutoff, rival)
     if _hardly_infeasible(found) and not search.out_of_time:

@@ -1,0 +1,182 @@
+"""Trips that meet what moves: ``python -m benchmarks.meeting STUDY --count N [--seed S] [--match]``.
+
+========  ==============================================================================================
+study     what it measures
+========  ==============================================================================================
+closed    time against closed forms without obstacles: targets of constant velocity, of constant
+          acceleration, and to be matched along one line; turned, shifted and scaled
+flee      CPU until a target that gets away is told, with the proof
+scenes    5 to 20 moving obstacles: time and CPU of ``plan`` against a fixed goal where the target is met
+========  ==============================================================================================
+"""
+
+from __future__ import annotations
+
+from benchmarks import common  # isort: skip  # sets one thread, before numpy is loaded
+
+import argparse
+import math
+from collections.abc import Iterable
+from time import process_time
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+import scp_planner as sp
+from benchmarks.families import crossing
+from scp_planner.arrays import Array
+
+VEHICLE = {
+    "radius": 0.3,
+    "max_speed": 3.0,
+    "max_acceleration": 2.0,
+    "max_deceleration": 2.0,
+    "max_lateral_acceleration": 2.0,
+}
+EXACT = 1e-3  # of the time, by which a trip may be slower than the closed form
+
+
+def vector(size: float, angle: float) -> Array:
+    return size * np.array([math.cos(angle), math.sin(angle)])
+
+
+def timed(scenario: sp.Scenario) -> tuple[sp.Plan, float]:
+    began = process_time()
+    plan = sp.plan(scenario)
+    return plan, process_time() - began
+
+
+def quantiles(name: str, values: Iterable[float], scale: float = 1.0) -> str:
+    some = scale * np.array([value for value in values if math.isfinite(value)])
+    if not len(some):
+        return f"{name}: none"
+    middle, most = np.quantile(some, [0.5, 0.95])
+    return f"{name} median {middle:.6g}, mean {some.mean():.6g}, 95 % {most:.6g}, worst {some.max():.6g}"
+
+
+def free_scene(rng: np.random.Generator, kind: int) -> tuple[sp.Scenario, float]:
+    """A scene without obstacles and the time of its meeting: the first root of distance less distance driven."""
+    size, top = 10.0 ** rng.uniform(-1.0, 3.0), 10.0 ** rng.uniform(-1.0, 1.5)
+    rate, brake = top * top / size * rng.uniform(1.0, 5.0, 2)
+    origin, away = size * rng.normal(size=2), vector(size, rng.uniform(-math.pi, math.pi))
+    velocity = vector(top * rng.uniform(0.0, 0.9), rng.uniform(-math.pi, math.pi))
+    change = (
+        vector(top * top / size * rng.uniform(0.0, 0.1), rng.uniform(-math.pi, math.pi)) if kind == 1 else 0.0 * away
+    )
+    if kind == 2:
+        velocity = away / size * top * rng.uniform(0.0, 0.9)
+    speed = float(np.hypot(*velocity)) if kind == 2 else 0.0
+
+    def gap(time: float) -> float:
+        begun, ended = top / rate, (top - speed) / brake if kind == 2 else 0.0
+        if (
+            kind == 2 and (most := (time + speed / brake) / (1.0 / rate + 1.0 / brake)) < top
+        ):  # m/s, the top is not reached
+            driven = most**2 / (2.0 * rate) + (most**2 - speed**2) / (2.0 * brake)
+        elif time < begun:
+            driven = 0.5 * rate * time**2
+        else:
+            driven = top * time - 0.5 * top * begun - 0.5 * (top - speed) * ended
+        return float(np.hypot(*(away + velocity * time + 0.5 * change * time**2))) - driven
+
+    grid = np.linspace(speed / rate, 50.0 * size / top, 20_001)
+    first = int(np.argmax([gap(time) <= 0.0 for time in grid]))
+    wanted = brentq(gap, grid[first - 1], grid[first], xtol=1e-13 * grid[-1]) if first else math.inf
+    limits = {"max_speed": top, "max_acceleration": rate, "max_deceleration": brake, "max_lateral_acceleration": rate}
+    motion = {"position": origin + away, "velocity": velocity, "acceleration": change}
+    goal = {"target": {"motion": {key: value.tolist() for key, value in motion.items()}}, "match_velocity": kind == 2}
+    start = {"time": 0.0, "position": origin.tolist(), "speed": 0.0}
+    return sp.Scenario(vehicle={"radius": size / 50.0, **limits}, start=start, goal=goal, obstacles=[]), wanted
+
+
+def closed(asked: argparse.Namespace) -> None:
+    over: dict[int, list[float]] = {0: [], 1: [], 2: []}
+    work = []
+    for seed in range(asked.seed, asked.seed + asked.count):
+        scenario, wanted = free_scene(np.random.default_rng(seed), seed % 3)
+        if wanted == math.inf:
+            continue
+        plan, taken = timed(scenario)
+        work.append(taken)
+        error = plan.travel_time / wanted - 1.0 if plan.certified else math.inf
+        over[seed % 3].append(error)
+        if not -1e-6 <= error <= EXACT:
+            common.say(f"{seed}: {plan.status}, {error:.2e} over the closed form")
+    for name, errors in zip(("constant velocity", "constant acceleration", "matched"), over.values(), strict=True):
+        good = sum(-1e-6 <= error <= EXACT for error in errors)
+        common.say(f"{name}: {good} of {len(errors)} within {EXACT}; {quantiles('over', errors)}")
+    common.say(quantiles("CPU, ms:", work, 1e3))
+
+
+def flee(asked: argparse.Namespace) -> None:
+    work, told = [], 0
+    for seed in range(asked.seed, asked.seed + asked.count):
+        rng = np.random.default_rng(seed)
+        away = vector(rng.uniform(3.0, 30.0), rng.uniform(-math.pi, math.pi))
+        ahead = away / np.hypot(*away)
+        motion = {"position": away, "velocity": rng.uniform(1.0, 2.0) * 3.0 * ahead}
+        if seed % 2:
+            motion = {"position": away, "velocity": 2.0 * ahead, "acceleration": rng.uniform(1.0, 2.0) * ahead}
+        goal = {"target": {"motion": {key: value.tolist() for key, value in motion.items()}}}
+        others = crossing(rng, 10)
+        scenario = sp.Scenario(vehicle=VEHICLE, start=others["start"], goal=goal, obstacles=others["obstacles"])
+        plan, taken = timed(scenario)
+        work.append(taken)
+        told += (plan.reason or "").startswith("no trip meets") and math.isinf(sp.lower_bound(scenario))
+    common.say(f"told {told} of {asked.count}; {quantiles('CPU, ms:', work, 1e3)}")
+
+
+def crowded(seed: int, match: bool) -> dict[str, Any]:
+    """A scene with 5 to 20 obstacles that cross, and a target some 20 m away."""
+    rng = np.random.default_rng(seed)
+    scene = crossing(rng, int(rng.integers(5, 21)))
+    velocity = vector(rng.uniform(0.0, 1.8), rng.uniform(-math.pi, math.pi))
+    place = np.array([20.0, rng.normal(0.0, 2.0)]) - 4.0 * velocity
+    motion = {"position": place, "velocity": velocity, "acceleration": rng.normal(0.0, 0.05, 2)}
+    target = {"motion": {key: value.tolist() for key, value in motion.items()}}
+    return {**scene, "name": f"meet{seed}", "goal": {"target": target, "match_velocity": match}}
+
+
+def scenes(asked: argparse.Namespace) -> None:
+    ratios, work, spent, met = [], [], np.zeros(2), 0
+    sp.plan(sp.Scenario.model_validate(crowded(0, asked.match)))
+    for seed in range(asked.seed, asked.seed + asked.count):
+        data = crowded(seed, asked.match)
+        scenario = sp.Scenario.model_validate(data)
+        plan, taken = timed(scenario)
+        met += plan.certified
+        if not plan.certified:
+            common.say(f"{seed}: {plan.status}: {plan.reason}")
+            continue
+        motion = {key: np.array(value) for key, value in data["goal"]["target"]["motion"].items()}
+        time = plan.arrival_time
+        goal: dict[str, Any] = {"position": sp.meeting(scenario, plan).place}
+        if asked.match:
+            u, v = motion["velocity"] + time * motion["acceleration"]
+            goal |= {"speed": math.hypot(u, v), "heading": math.atan2(v, u)}
+        fixed, other = timed(sp.Scenario.model_validate({**data, "goal": goal}))
+        ratios.append(plan.travel_time / fixed.travel_time if fixed.certified else math.nan)
+        work.append(taken / other)
+        spent += (taken, other)
+        if asked.verbose:
+            common.say(f"{seed}: time {ratios[-1]:.6f}, CPU {1e3 * taken:.0f} and {1e3 * other:.0f} ms, {work[-1]:.2f}")
+    common.say(f"certified {met} of {asked.count}; {quantiles('time', ratios)}")
+    common.say(f"{quantiles('CPU ratio', work)}; of the sums {spent[0] / spent[1]:.3f}")
+
+
+def main() -> None:
+    """Run a study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    studies = {"closed": closed, "flee": flee, "scenes": scenes}
+    parser.add_argument("study", choices=studies)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--match", action="store_true", help="match the velocity, too")
+    parser.add_argument("--verbose", action="store_true", help="a line a seed")
+    asked = parser.parse_args()
+    studies[asked.study](asked)
+
+
+if __name__ == "__main__":
+    main()
