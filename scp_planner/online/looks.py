@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Any
 
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.reasons import CandidateKind
@@ -94,6 +95,10 @@ class Looks:
         self._looked = 0
         self._deadline = math.inf  # of the replan that is under way
         self._grid = 0  # number of the grid that the next search is on
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles begin a look under way anew."""
+        return {**self.__dict__, "_look": None}
 
     @property
     def under_way(self) -> bool:

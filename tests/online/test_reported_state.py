@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from copy import copy
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,14 +29,23 @@ def road(blocked: bool = True) -> sp.Scenario:
     )
 
 
-def answer(settings: sp.OnlineSettings, replans: int, speed: float = 1.0, turn: float = 0.0) -> tuple[Any, Any, float]:
-    """Drive exactly for some replans of 0.1 s, then report another speed and heading: planner, plan, reported speed."""
-    planner = sp.Planner(road(), online=settings)
+@cache
+def driven(settings: sp.OnlineSettings) -> list[tuple[sp.Planner, Any, float, float]]:
+    """Drive exactly, in replans of 0.1 s: copies of the planner before each of them, and place, heading and speed."""
+    planner, found = sp.Planner(road(), online=settings), []
     position, heading, pace = np.zeros(2), 0.0, 2.0
-    for k in range(replans):
+    for k in range(43):
+        found.append((copy(planner), position, heading, pace))
         plan = planner.replan(0.1 * k, position, heading, pace)
         position, heading = plan.position(0.1 * (k + 1)), float(plan.heading(0.1 * (k + 1)))
         pace = float(plan.speed(0.1 * (k + 1)))
+    return found
+
+
+def answer(settings: sp.OnlineSettings, replans: int, speed: float = 1.0, turn: float = 0.0) -> tuple[Any, Any, float]:
+    """After some replans, report another speed and heading: planner, plan, reported speed."""
+    kept, position, heading, pace = driven(settings)[replans]
+    planner = copy(kept)
     return planner, planner.replan(0.1 * replans, position, heading + turn, speed * pace), speed * pace
 
 
