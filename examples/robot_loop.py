@@ -15,7 +15,7 @@ import numpy as np
 import scp_planner as sp
 from scp_planner.export import save_scene
 
-PERIOD, DEADLINE = 0.05, 0.02  # s
+PERIOD = 0.05  # s
 GOALS = [{"position": place, "radius": 0.2, "speed": 0.0} for place in ((5.0, 2.0), (5.0, -2.0), (0.0, 0.0))]
 DOOR = [[2.5, -1.0], [2.8, -1.0], [2.8, 0.5], [2.5, 0.5]]
 ROBOT = {
@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Drive, and report; the status is 0 after arrival at all goals, untouched."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("robot_loop.png"), help="the figure")
+    parser.add_argument("--deadline", type=float, default=0.02, help="of a replan, s of wall time")
     parser.add_argument("--record", type=Path, default=Path("robot_loop.jsonl"), help="the recording")
     parser.add_argument("--scene", type=Path, help="the recording for Foxglove, such as robot.mcap")
     options = parser.parse_args(argv)
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 nearest = min(nearest, float(np.hypot(*(place - position))) - 0.6)
                 planner.observe(name, time, place + rng.normal(0.0, 0.05, 2))
             began = process_time()
-            plan = planner.replan(time, position, heading, speed, deadline=DEADLINE)
+            plan = planner.replan(time, position, heading, speed, deadline=options.deadline)
             took.append(1e3 * (process_time() - began))
             if plan.arrived:
                 arrived += 1

@@ -132,7 +132,8 @@ def test_an_answer_that_does_not_begin_as_told_is_found(
     def again(self: sp.Planner, *state: Any, **options: Any) -> Any:
         answer = replan(self, *state, **options)
         first[:] = first or [answer]
-        return replace(first[0], arrived=math.dist(state[1], (20.0, 0.0)) < 0.1)
+        there = math.dist(state[1], (20.0, 0.0)) < 0.1
+        return replace(first[0], code=sp.ReasonCode.ARRIVED if there else sp.ReasonCode.DRIVING)
 
     monkeypatch.setattr(sp.Planner, "replan", again)
     assert found in _drive(scene(), **told).detail
