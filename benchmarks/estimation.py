@@ -81,7 +81,7 @@ def updates(kind: str, obstacles: int) -> Callable[[], object]:
 
 
 def observed_frames(kind: str, obstacles: int) -> Callable[[], object]:
-    """Give a call that takes in one observation of each obstacle; calm ones move as foretold, restless ones do not."""
+    """Give a call that takes in one observation of each obstacle; calm ones move as predicted, restless ones do not."""
     rng = np.random.default_rng(0)
     tracks, names = ObstacleTracks(sp.Confidence()), [f"o{number}" for number in range(obstacles)]
     for name in names:

@@ -21,7 +21,7 @@ Array = np.ndarray
 NOISE = 0.1  # m, as the sensor declares it
 RATE = 10.0  # Hz
 MANOEUVRE_TIME = 2.0  # s
-WAVES = (0.1, 0.6)  # m
+OSCILLATORS = (0.1, 0.6)  # m
 WAVE_PERIODS = (3.0, 6.0)  # s
 OUTLIERS, OUTLIER_SIZE = 0.02, 20.0  # share; standard deviations of the noise
 WANDERING = 0.1  # m2/s3, growth of the variance of a walker's velocity
@@ -124,7 +124,7 @@ def world_of(scenario: sp.Scenario, family: str, seed: int, trip: float) -> dict
             base = manoeuvre(base, rng.uniform(0.0, trip), change)
         elif family == "weaving":
             direction = velocity / max(float(np.hypot(*velocity)), 1e-9)
-            size, period = rng.uniform(*WAVES), rng.uniform(*WAVE_PERIODS)
+            size, period = rng.uniform(*OSCILLATORS), rng.uniform(*WAVE_PERIODS)
             base = weaving(base, direction, size, period, rng.uniform(0.0, 2.0 * math.pi))
         elif family == "walkers":
             base = walker(np.array(motion.position), velocity, rng)

@@ -1,4 +1,4 @@
-"""How often what is foretold of an obstacle holds: one observation, 1 s, 2 s and 4 s ahead, in families and recordings.
+"""How often what is predicted of an obstacle holds: an observation, 1, 2 and 4 s ahead, in families and recordings.
 
 Predictions are the zones of `ObstacleTracks`, made at every observation, as `Regions` size them. What is learnt goes on
 from run to run; the first half of the time only serves for that. Two things are counted: whether the truth is in its

@@ -50,12 +50,12 @@ def the_scene(*obstacles: dict[str, Any], **changes: Any) -> sp.Scenario:
 
 
 def random_trip(
-    seed: int, path_degree: int = 3, acceleration_degree: int = 0, bow: float = 0.4, frame: PlanningFrame = FRAME
+    seed: int, path_degree: int = 3, acceleration_degree: int = 0, arc: float = 0.4, frame: PlanningFrame = FRAME
 ) -> Trip:
     """A trip that speeds up and slows down, and never stops."""
     rng = np.random.default_rng(seed)
     space = TripSpace(StraightGuide(20.0), 1.0, path_degree, 9, acceleration_degree, BREAKS)
-    theta = bow * rng.normal(size=space.path_size)
+    theta = arc * rng.normal(size=space.path_size)
     theta[0] = theta[-1] = 0.0
     beta = rng.uniform(-0.15, 0.6, space.acceleration_size)
     beta[0], beta[3] = 0.8, -0.2

@@ -88,7 +88,7 @@ def check_trip(
     samples : int
         Number of intervals between sampled times.
     regions : mapping of str to float, optional
-        For each observed or foretold obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q
+        For each observed or predicted obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q
         around its estimate, C(t) the covariance of the estimate. Future k of an obstacle is called ``id[k]``; of those
         with a covariance one that is not there is left out. Which q gives which confidence is not judged here.
 

@@ -1,4 +1,4 @@
-"""Distances to obstacles, known, foretold or observed."""
+"""Distances to obstacles, known, predicted or observed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from verification.differences import Array
 from verification.findings import Finding, Tolerances
-from verification.forecasts import foretold
+from verification.forecasts import predicted
 
 HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner takes for standing
 STANDS = 1e-9  # of the largest speed: below it a motion has no direction
@@ -177,7 +177,7 @@ def distance_to_uncertain(obstacle: Mapping[str, Any], times: Array, positions: 
     if obstacle.get("motion") is not None:
         expected, errors = _on_uncertain_course(obstacle["motion"], times)
     elif obstacle.get("estimate") is not None or (obstacle.get("model") or {}).get("process") is not None:
-        forecast = foretold(obstacle, times)
+        forecast = predicted(obstacle, times)
         expected, errors = forecast.centres, forecast.errors
     else:
         expected, errors = observed(obstacle, times)

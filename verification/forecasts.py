@@ -82,7 +82,7 @@ def system_of(model: Mapping[str, Any]) -> System:
     return System(drift, push, np.diag([0.0, velocity, deviation**2]))
 
 
-def foretold(obstacle: Mapping[str, Any], times: Array) -> Forecast:
+def predicted(obstacle: Mapping[str, Any], times: Array) -> Forecast:
     """Foretell an obstacle with process noise, or one of which a tracker says the state, at times (n,) s."""
     if obstacle.get("estimate") is not None:
         return _from_tracker(obstacle["estimate"], obstacle.get("model") or {}, times)

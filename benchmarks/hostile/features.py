@@ -1,4 +1,4 @@
-"""What a wild scenario may have besides: limits, goals and walls of roads, and obstacles that are foretold.
+"""What a wild scenario may have besides: limits, goals and walls of roads, and obstacles that are predicted.
 
 Each is drawn with some probability, and takes the place of what was there.
 """

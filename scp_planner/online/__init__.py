@@ -2,5 +2,5 @@
 
 May import planning and all below. Begin with `planner`, which answers; `perception` and `inbox` take what is observed,
 `looks` looks at other ways, `fallback` says what is driven where nothing better is found, `evasion` gets out of the
-way, `means` is what they share; `vetting` decides what may be driven.
+way, `means` is what they share; `safety_gate` decides what may be driven.
 """

@@ -1,4 +1,4 @@
-"""Zones of obstacles that are noticed to move otherwise than foretold."""
+"""Zones of obstacles that are noticed to move otherwise than predicted."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.online.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
 from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
-from scp_planner.online.suspicions import SUSPICIONS, Changes, changed_motions, changes_of
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
@@ -62,7 +62,7 @@ class Alarmed:
         if self.deviation <= 0.0:
             return np.zeros(0, dtype=np.intp)
         known = [track.settled for track in self.tracks]
-        return np.flatnonzero(known & (self.bank.count[self.slots] > SUSPICIONS.onsets[0]))
+        return np.flatnonzero(known & (self.bank.count[self.slots] > CHANGE_HYPOTHESES.onsets[0]))
 
     @cached_property
     def _changes(self) -> Changes:
@@ -76,7 +76,11 @@ class Alarmed:
         slots = self.slots[some]
         roots, noise = self.bank.polynomials.roots.of(slots), self.bank.noise_of(slots)
         changed = changed_motions(roots, self._changes.sure(), noise, start)
-        odds = np.clip(self.bank.gain[slots] - self._changes.total, -SUSPICIONS.most_evidence, SUSPICIONS.most_evidence)
+        odds = np.clip(
+            self.bank.gain[slots] - self._changes.total,
+            -CHANGE_HYPOTHESES.most_evidence,
+            CHANGE_HYPOTHESES.most_evidence,
+        )
         share = 1.0 / (1.0 + np.exp(odds))
         if leads is None:
             return filters.blended(some, changed, share)

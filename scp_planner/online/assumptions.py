@@ -8,8 +8,8 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.following import Following
 from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.safety_gate import Moment
 from scp_planner.online.tolerances import LATE, LENGTH, OFF, RELATIVE, TIME
-from scp_planner.online.vetting import Moment
 from scp_planner.scenario.checks import room_on_map
 from scp_planner.scenario.models import Bounds
 from scp_planner.scenario.units import NaturalUnits
@@ -82,6 +82,6 @@ def _radii_towards(moved: Array, covariances: Array) -> Array:
     x, y = moved.T
     xx, xy, yy = (covariances + OFF**2 * np.array([1.0, 0.0, 1.0])).T
     squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
-    # Where it is just as foretold it has moved in no direction, and there is nothing to reach
+    # Where it is just as predicted it has moved in no direction, and there is nothing to reach
     reach: Array = np.hypot(x, y) / np.sqrt(np.maximum(squared, np.finfo(float).tiny))
     return reach

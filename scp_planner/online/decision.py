@@ -12,9 +12,9 @@ from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason
+from scp_planner.online.safety_gate import Refusal, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import TIME
-from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
@@ -36,10 +36,10 @@ class DecisionParameters:
     hopeless: float = 1.0
     # Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand
     deep: float = 0.5
-    # Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next
-    # one dodges are looked at, and no ways: both in one replan take twice as long
+    # Replans in a row in which ways to the goal are looked at, and a manoeuvre that was begun goes on. At the next
+    # one manoeuvres are looked at, and no ways: both in one replan take twice as long
     gone_on: int = 2
-    # Replans in a row without a look at ways to the goal, where nothing is safe: dodges are looked at in each of them
+    # Replans in a row without a look at ways to the goal, where nothing is safe: there are manoeuvres in each of them
     without_a_look: int = 5
     # Units of time: by how much later a new plan may arrive before the last one is preferred, if that still holds
     slower: float = 5e-3
@@ -74,7 +74,7 @@ class Decision:
         self._good_enough = True
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._unfinished: Trip | None = None  # what has come of the last improvement, which is gone on with
-        self._gone_on = 0  # replans in a row in which a dodge was gone on with
+        self._gone_on = 0  # replans in a row in which a manoeuvre was gone on with
         self._without = 0  # replans in a row without a look at ways
         self._waiting = Waiting()
         self.arrival = means.arrival
@@ -115,8 +115,8 @@ class Decision:
 
     def _still_on(self, now: Replan, last: OnlinePlan) -> Vetted | None:
         """The last plan as it is, if that will do for a while."""
-        vetting = self._means.vetting
-        kept = vetting.vet_on(now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+        safety_gate = self._means.safety_gate
+        kept = safety_gate.vet_on(now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
         now.lap("certificate")
         self._means.consider(now, CandidateKind.LAST, last.trip, kept)
         return kept
@@ -139,7 +139,11 @@ class Decision:
             stop = self._stopped(now, ARRIVED if arrived else OTHERWISE)
             if stop.safe or done or not moves:
                 return stop
-        if not moves or not arrival.is_to_stand or (last is not None and means.vetting.is_on(now.moment, last.trip)):
+        if (
+            not moves
+            or not arrival.is_to_stand
+            or (last is not None and means.safety_gate.is_on(now.moment, last.trip))
+        ):
             return None
         gentle = arrival.braking_to_it(state, means.braking)
         stop = means.stop_straight_on(now, means.braking if there else gentle, NEAR)
@@ -190,14 +194,14 @@ class Decision:
         return self._means.plan_of(best, now, Outcome.IMPROVED)
 
     def _going_on(self, now: Replan) -> OnlinePlan | None:
-        """Go on with a dodge that was begun, after a look at ways; None where that is not safe or dodges are due."""
+        """Go on with a manoeuvre that was begun, after a look at ways; None where that is unsafe, or others are due."""
         due = not self._takes_turns(now) or self._gone_on == DECISION.gone_on
         plan = None if due else self._fallback.go_on(now)
         self._gone_on = 0 if plan is None else self._gone_on + 1
         return plan
 
     def _takes_turns(self, now: Replan) -> bool:
-        """True if ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
+        """True if ways and manoeuvres are looked at in turns: who gives way early is to find the best at all times."""
         evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
         return evades and self._means.gives_way_late
 
@@ -247,7 +251,7 @@ class Decision:
 
     def _begun(self, now: Replan, fresh: Renewal, begin: Trip) -> Vetted | Refusal:
         """Set out on a trip that was found, from where the vehicle is."""
-        vetted = self._means.vetting.vet_on(now.moment, begin, self._means.foreseen, math.inf, True)
+        vetted = self._means.safety_gate.vet_on(now.moment, begin, self._means.foreseen, math.inf, True)
         if vetted is not None:
             return vetted
         run = self._run(now, fresh.loop, fresh.left_of(begin))
@@ -267,8 +271,8 @@ class Decision:
         assert now.last is not None and fresh.ahead is not None, "there is a last trip"
         ahead = fresh.ahead
         radius = now.moment.scenario.vehicle.radius
-        if _clearance(loop.problem, ahead) < -DECISION.deep * radius and self._means.vetting.stops_will_do:
-            room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
+        if _clearance(loop.problem, ahead) < -DECISION.deep * radius and self._means.safety_gate.stops_will_do:
+            room = self._means.safety_gate.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
             if -math.inf < room < -DECISION.hopeless * radius:
                 return Refusal("every stop from the rest of the last trip is far inside a zone", room)
@@ -294,7 +298,7 @@ class Decision:
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""
         most = self._means.online.iterations
-        if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
+        if now.last is not None and self._means.safety_gate.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
         run = loop.run(ahead, most, deadline=now.deadline, trust=DECISION.warm_trust, enough=1)
         now.lap("scp")

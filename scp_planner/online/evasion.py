@@ -11,15 +11,15 @@ from scp_planner.arrays import Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
-from scp_planner.online.dodge_courses import COURSES, GRADUAL, PROMPT, DodgeProfiles, Profiles, RampedProfiles
-from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
-from scp_planner.online.dodges import BORDER, Dodges
-from scp_planner.online.expected_harm import HARM, harms_of_dodges, harms_of_trips
+from scp_planner.online.evasive_manoeuvres import BORDER, EvasiveManoeuvres
+from scp_planner.online.expected_harm import HARM, harms_of_manoeuvres, harms_of_trips
+from scp_planner.online.manoeuvre_courses import COURSES, GRADUAL, PROMPT, ManoeuvreProfiles, Profiles, RampedProfiles
+from scp_planner.online.manoeuvre_outlooks import ManoeuvreOutlooks, Outlook
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.reasons import CandidateKind
+from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.stops import STOPS
-from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
 
@@ -44,8 +44,8 @@ EVASION = EvasionParameters()
 
 
 @dataclass(frozen=True)
-class Dodge:
-    """A dodge that was chosen."""
+class Manoeuvre:
+    """A manoeuvre that was chosen."""
 
     trip: Trip
     certificate: Certificate  # Up to when it is over
@@ -63,11 +63,11 @@ class Dodge:
 
 
 @dataclass(frozen=True)
-class _SeenDodges:
-    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that."""
+class _SeenEvasiveManoeuvres:
+    """A moment, its manoeuvres, what is seen of them and of what was begun, if the vehicle is on that."""
 
     moment: Moment
-    dodges: Dodges
+    manoeuvres: EvasiveManoeuvres
     near: Index
     seen: Outlook
     begun: Stop | None
@@ -76,8 +76,8 @@ class _SeenDodges:
 
     @property
     def pairs(self) -> int:
-        """Dodges, times the zones that are looked at."""
-        return len(self.dodges.position) * len(self.near)
+        """EvasiveManoeuvres, times the zones that are looked at."""
+        return len(self.manoeuvres.position) * len(self.near)
 
 
 class Evasion:
@@ -85,62 +85,62 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
-        self.outlooks = DodgeOutlooks(means)
-        self._view: _SeenDodges | None = None
-        self._each = 0.0  # s that it took to see how far one dodge keeps from one zone
+        self.outlooks = ManoeuvreOutlooks(means)
+        self._view: _SeenEvasiveManoeuvres | None = None
+        self._each = 0.0  # s that it took to see how far one manoeuvre keeps from one zone
 
-    def safest(self, now: Replan) -> Dodge | None:
-        """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much."""
+    def safest(self, now: Replan) -> Manoeuvre | None:
+        """Return the certified manoeuvre that is worth most, or the one under way, if it is worth nearly as much."""
         view = self._looked(now)
-        return self._still_good(now) or self._first_safe(now, view.dodges, view.seen)
+        return self._still_good(now) or self._first_safe(now, view.manoeuvres, view.seen)
 
-    def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
-        """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops."""
+    def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Manoeuvre | Stop:
+        """Return what does least harm where nothing is safe: a manoeuvre, or one of some other trips and stops."""
         view = self._with_time_for_harm(now)
         moment, confidence = now.moment, self._means.given.confidence
-        times, standing = view.dodges.times, HARM.standing
+        times, standing = view.manoeuvres.times, HARM.standing
         if not self._means.gives_way_late:
             standing = HARM.creeping
         goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
         soon, box = self._soon(moment), self.outlooks.box(moment)
         trips = harms_of_trips(moment, [each.trip for each in others], times, box, confidence, standing, soon)
-        dodges = harms_of_dodges(moment, view.dodges, box, confidence, standing, soon)
-        least = min(trips.impact.min(initial=np.inf), dodges.impact.min())
-        braking = min(float(dodges.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
-        harms, of_dodges = (each.no_harder_than(least, braking) for each in (trips, dodges))
+        manoeuvres = harms_of_manoeuvres(moment, view.manoeuvres, box, confidence, standing, soon)
+        least = min(trips.impact.min(initial=np.inf), manoeuvres.impact.min())
+        braking = min(float(manoeuvres.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
+        harms, of_manoeuvres = (each.no_harder_than(least, braking) for each in (trips, manoeuvres))
         if view.seen.lost.any():
-            of_dodges = of_dodges + HARM.dead_end * view.seen.lost
+            of_manoeuvres = of_manoeuvres + HARM.dead_end * view.seen.lost
             harms = harms + HARM.dead_end * np.array([float(self._seen_of(now, each).lost[0]) for each in others])
         now.lap("evasion")
         for each, harm in zip(others, trips.expected.tolist(), strict=True):
             self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
-        if goes_on and EVASION.steady * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVASION.even:
+        if goes_on and EVASION.steady * harms[0] <= of_manoeuvres.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
-        most = min(harms.min(initial=np.inf), of_dodges.min()) + EVASION.even
+        most = min(harms.min(initial=np.inf), of_manoeuvres.min()) + EVASION.even
         even = [each for each, harm in zip(others, harms.tolist(), strict=True) if harm <= most]
         if even:
             return even[0] if len(even) == 1 else max(even, key=lambda each: float(self._seen_of(now, each).worth[0]))
-        good = of_dodges <= most
+        good = of_manoeuvres <= most
         if moment.state.speed <= STOPS.standing:
             # Who stands goes on with that, too.
-            still = view.dodges.until <= view.dodges.wait
-            stays = still & ((EVASION.steady * of_dodges <= of_dodges.min()) | good)
+            still = view.manoeuvres.until <= view.manoeuvres.wait
+            stays = still & ((EVASION.steady * of_manoeuvres <= of_manoeuvres.min()) | good)
             good = stays if stays.any() else good
         number = int(np.where(good, view.seen.worth, -np.inf).argmax())
-        return self._made(now, view.dodges, view.seen, number, float(of_dodges[number]))
+        return self._made(now, view.manoeuvres, view.seen, number, float(of_manoeuvres[number]))
 
-    def as_dodge(self, now: Replan, stop: Stop) -> Dodge:
-        """Return a stop that is being driven as a dodge."""
+    def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
+        """Return a stop that is being driven as a manoeuvre."""
         return self._gone_on_with(now, self._seen_of(now, stop), stop)
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
         view = self._looked(now)
         if view.begun is not None and view.going_on is not None and stop.trip is view.begun.trip:
             return view.going_on
-        return self.outlooks.of_stop(now.moment, stop, view.dodges.times)
+        return self.outlooks.of_stop(now.moment, stop, view.manoeuvres.times)
 
-    def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
+    def _still_good(self, now: Replan, least: float = -np.inf) -> Manoeuvre | None:
         view = self._looked(now)
         if view.begun is None or view.going_on is None or np.isfinite(view.going_on.clear[0]):
             return None
@@ -153,21 +153,21 @@ class Evasion:
 
     def begun(self, now: Replan) -> Stop | None:
         moment, last = now.moment, now.last
-        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
+        if last is None or last.outcome not in AWAY or not self._means.safety_gate.is_on(moment, last.trip):
             return None
         stop = Stop(last.trip, last.trip.frame.time)
         return stop if stop.stands > moment.state.time else None
 
-    def _gone_on_with(self, now: Replan, seen: Outlook, stop: Stop) -> Dodge:
+    def _gone_on_with(self, now: Replan, seen: Outlook, stop: Stop) -> Manoeuvre:
         moment = now.moment
-        certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        certificate = self._means.safety_gate.certify_stop(moment, stop, moment.state.time)
         self._means.consider(now, CandidateKind.EVASION, stop.trip, certificate, float(seen.worth[0]))
-        return self._dodge(moment, seen, 0, stop.trip, certificate)
+        return self._manoeuvre(moment, seen, 0, stop.trip, certificate)
 
-    def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
-        """A certified dodge that does clearly better than going on with a trip; None if there is none."""
+    def sooner(self, now: Replan, trip: Trip) -> Manoeuvre | None:
+        """A certified manoeuvre that does clearly better than going on with a trip; None if there is none."""
         moment, view = now.moment, self._looked(now)
-        seen, least = view.seen, self.outlooks.worth_of(moment, trip, view.dodges.times)
+        seen, least = view.seen, self.outlooks.worth_of(moment, trip, view.manoeuvres.times)
         least += EVASION.better * 2.0 * moment.scenario.vehicle.radius
         now.lap("evasion")
         before = self._still_good(now, least)
@@ -177,13 +177,13 @@ class Evasion:
         if not (better & np.isinf(seen.clear)).any():
             return None
         seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
-        return self._first_safe(now, view.dodges, seen)
+        return self._first_safe(now, view.manoeuvres, seen)
 
-    def _first_safe(self, now: Replan, dodges: Dodges, seen: Outlook) -> Dodge | None:
+    def _first_safe(self, now: Replan, manoeuvres: EvasiveManoeuvres, seen: Outlook) -> Manoeuvre | None:
         """The certified one that is worth most; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
         for number in clear[np.argsort(-seen.worth[clear], kind="stable")][: EVASION.tried].tolist():
-            found = self._made(now, dodges, seen, number)
+            found = self._made(now, manoeuvres, seen, number)
             now.lap("certificate")
             if found.safe:
                 return found
@@ -191,69 +191,71 @@ class Evasion:
                 break
         return None
 
-    def _looked(self, now: Replan) -> _SeenDodges:
+    def _looked(self, now: Replan) -> _SeenEvasiveManoeuvres:
         if self._view is None or self._view.moment is not now.moment:
             moment = now.moment
-            dodges, begun = self._dodges(moment), self.begun(now)
-            near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
-            dodges = dodges.few(len(near), EVASION.most_samples)
-            few = dodges.few(moment.batch.size, EVASION.hurried)
-            going_on = None if begun is None else self.outlooks.of_stop(moment, begun, dodges.times)
-            every = len(dodges.position) * len(near)
+            manoeuvres, begun = self._manoeuvres(moment), self.begun(now)
+            near = manoeuvres.within_reach(moment.batch, moment.scenario.vehicle)
+            manoeuvres = manoeuvres.few(len(near), EVASION.most_samples)
+            few = manoeuvres.few(moment.batch.size, EVASION.hurried)
+            going_on = None if begun is None else self.outlooks.of_stop(moment, begun, manoeuvres.times)
+            every = len(manoeuvres.position) * len(near)
             pace_is_known = self._each > 0.0 or not np.isfinite(now.deadline)
-            hurried = few is not dodges and (not pace_is_known or now.late_after(self._each * every))
-            some = few if hurried else dodges
-            view = _SeenDodges(moment, some, near, self._seen(now, some, near), begun, going_on, hurried)
+            hurried = few is not manoeuvres and (not pace_is_known or now.late_after(self._each * every))
+            some = few if hurried else manoeuvres
+            view = _SeenEvasiveManoeuvres(moment, some, near, self._seen(now, some, near), begun, going_on, hurried)
             if hurried and not now.late_after(self._each * every):
-                view = replace(view, dodges=dodges, seen=self._seen(now, dodges, near), hurried=False)
+                view = replace(view, manoeuvres=manoeuvres, seen=self._seen(now, manoeuvres, near), hurried=False)
             self._view = view
         return self._view
 
-    def _seen(self, now: Replan, dodges: Dodges, near: Index) -> Outlook:
+    def _seen(self, now: Replan, manoeuvres: EvasiveManoeuvres, near: Index) -> Outlook:
         now.lap("evasion")
-        begin, pairs = now.clock, len(dodges.position) * len(near)
-        seen = self.outlooks.of(now.moment, dodges, near)
+        begin, pairs = now.clock, len(manoeuvres.position) * len(near)
+        seen = self.outlooks.of(now.moment, manoeuvres, near)
         now.lap("evasion")
-        if pairs * len(dodges.times) > EVASION.hurried // 2:  # else most of the time goes elsewhere
+        if pairs * len(manoeuvres.times) > EVASION.hurried // 2:  # else most of the time goes elsewhere
             self._each = max(EVASION.pace_kept * self._each, (now.clock - begin) / pairs)
         return seen
 
-    def _with_time_for_harm(self, now: Replan) -> _SeenDodges:
+    def _with_time_for_harm(self, now: Replan) -> _SeenEvasiveManoeuvres:
         view = self._looked(now)
         if not view.hurried and now.late_after(EVASION.harm_takes * self._each * view.pairs):
-            few = view.dodges.few(now.moment.batch.size, EVASION.hurried)
-            if few is not view.dodges:
+            few = view.manoeuvres.few(now.moment.batch.size, EVASION.hurried)
+            if few is not view.manoeuvres:
                 seen = self._seen(now, few, view.near)
-                view = self._view = replace(view, dodges=few, seen=seen, hurried=True)
+                view = self._view = replace(view, manoeuvres=few, seen=seen, hurried=True)
         return view
 
-    def _dodges(self, moment: Moment) -> Dodges:
+    def _manoeuvres(self, moment: Moment) -> EvasiveManoeuvres:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
         limits = Limits.of(moment.scenario, self._means.settings.limit_margin)
         vehicle, width, wait = moment.scenario.vehicle, 2.0 * moment.scenario.vehicle.radius, self._means.wait
-        profiles: DodgeProfiles = (
+        profiles: ManoeuvreProfiles = (
             Profiles.of(state.speed, limits, width, wait)
             if vehicle.max_jerk is None
             else RampedProfiles.of(state, limits, vehicle.max_jerk, width, wait)
         )
         both_ways = can_reverse(vehicle, state.speed)
         bend = PROMPT if vehicle.max_curvature_rate is None else GRADUAL
-        return Dodges.of(heading, profiles, limits, vehicle.radius, wait, both_ways, bend)
+        return EvasiveManoeuvres.of(heading, profiles, limits, vehicle.radius, wait, both_ways, bend)
 
     def _soon(self, moment: Moment) -> float:
         return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
-    def _made(self, now: Replan, dodges: Dodges, seen: Outlook, number: int, severity: float | None = None) -> Dodge:
-        moment, trip = now.moment, dodges.trip(number, now.moment.frame)
-        certificate = self._means.vetting.certify_stop(moment, Stop(trip, trip.frame.time), None)
+    def _made(
+        self, now: Replan, manoeuvres: EvasiveManoeuvres, seen: Outlook, number: int, severity: float | None = None
+    ) -> Manoeuvre:
+        moment, trip = now.moment, manoeuvres.trip(number, now.moment.frame)
+        certificate = self._means.safety_gate.certify_stop(moment, Stop(trip, trip.frame.time), None)
         self._means.consider(now, CandidateKind.EVASION, trip, certificate, float(seen.worth[number]), severity)
-        return self._dodge(moment, seen, number, trip, certificate)
+        return self._manoeuvre(moment, seen, number, trip, certificate)
 
-    def _dodge(self, moment: Moment, seen: Outlook, number: int, trip: Trip, certificate: Certificate) -> Dodge:
+    def _manoeuvre(self, moment: Moment, seen: Outlook, number: int, trip: Trip, certificate: Certificate) -> Manoeuvre:
         """One of what is seen, with what is told of it."""
         speeds = trip.trajectory.drive_at(np.linspace(0.0, 1.0, COURSES.spans + 1)).speed
-        return Dodge(
+        return Manoeuvre(
             trip,
             certificate,
             self._blocked_by(moment, seen, number) or self._threat(moment, seen, number),
@@ -262,13 +264,13 @@ class Evasion:
 
     @staticmethod
     def _threat(moment: Moment, seen: Outlook, number: int) -> str | None:
-        """The zone that a dodge enters first, or comes nearest to."""
+        """The zone that a manoeuvre enters first, or comes nearest to."""
         entered = seen.least[number] <= max(float(seen.least[number].min()), 0.0)
         zone = seen.room.nearest(number, int(entered.argmax()))
         return None if zone == BORDER else moment.batch.ids[zone]
 
     def _blocked_by(self, moment: Moment, seen: Outlook, number: int) -> str | None:
-        """The zone that is in the way of the dodge that would lead nearest to the goal."""
+        """The zone that is in the way of the manoeuvre that would lead nearest to the goal."""
         nearest = int(seen.then.argmin())
         if nearest == number or np.isinf(seen.clear[nearest]):
             return None

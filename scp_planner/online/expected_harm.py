@@ -10,12 +10,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from scp_planner.arrays import Array
-from scp_planner.online.dodge_worth import WORTH, a_moment
-from scp_planner.online.dodges import WHOLE, Dodges, Size, in_parts
+from scp_planner.online.evasive_manoeuvres import WHOLE, EvasiveManoeuvres, Size, in_parts
 from scp_planner.online.foresight import foreseen
+from scp_planner.online.manoeuvre_worth import WORTH, a_moment
+from scp_planner.online.safety_gate import Moment
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LENGTH
-from scp_planner.online.vetting import Moment
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Confidence, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -61,17 +61,19 @@ class Harms:
         return np.where(self.impact <= (1.0 + HARM.alike) * most, self.expected, np.inf)
 
 
-def harms_of_dodges(
-    moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float, soon: float
+def harms_of_manoeuvres(
+    moment: Moment, manoeuvres: EvasiveManoeuvres, box: Box, confidence: Confidence, standing: float, soon: float
 ) -> Harms:
-    """Return the harm to be expected of dodges, (C,)."""
+    """Return the harm to be expected of manoeuvres, (C,)."""
     vehicle = moment.scenario.vehicle
     whole = _grown(moment.batch, vehicle)
-    near, harms = dodges.within_reach(whole, vehicle), []
-    weights = _weights(dodges.times, dodges.position, vehicle, standing, soon)
+    near, harms = manoeuvres.within_reach(whole, vehicle), []
+    weights = _weights(manoeuvres.times, manoeuvres.position, vehicle, standing, soon)
     scale = _deviations(confidence, whole)
-    for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
-        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
+    for some in in_parts(
+        max(len(near), 1), manoeuvres.heading.size
+    ):  # the border is one more, also where no zone is near
+        each, less = manoeuvres.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
         harms.append(_harms(each.each, less.each, scale, weights))
     spared = np.prod([1.0 - each.expected for each in harms], axis=0)
     return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
@@ -142,8 +144,8 @@ def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
     touched *= weights.fading
     harm = touched.max(axis=2, initial=0.0)
     # Who is touched now is no better off by what it was: it gets away the sooner, the better, if that is worth it.
-    zone, dodge = np.nonzero(gap[..., 0] < 0.0)
-    harm[zone, dodge] = touched[zone, dodge].sum(axis=1) / weights.fading.sum() + weights.sets_off[dodge]
+    zone, manoeuvre = np.nonzero(gap[..., 0] < 0.0)
+    harm[zone, manoeuvre] = touched[zone, manoeuvre].sum(axis=1) / weights.fading.sum() + weights.sets_off[manoeuvre]
     # To leave what touches it is no impact, to scrape along it is.
     hits = (gap[..., 1:] < np.minimum(gap[..., :-1] + HARM.leaving * weights.driven, 0.0)).any(axis=0)
     impact: Array = (weights.speed * hits).max(axis=1)

@@ -10,14 +10,14 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Ends
 from scp_planner.online.braking import straight_stop
-from scp_planner.online.evasion import Dodge, Evasion
+from scp_planner.online.evasion import Evasion, Manoeuvre
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import CandidateKind, Reason
 from scp_planner.online.remaining import eased
+from scp_planner.online.safety_gate import Refusal, Stop, Vetted
 from scp_planner.online.stops import STOPS, fits
 from scp_planner.online.tolerances import TIME
-from scp_planner.online.vetting import Refusal, Stop, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -52,7 +52,7 @@ class Fallback:
         if last is not None:
             kept = self._means.kept(now, last)
             if kept is None and last.stop is not None:
-                kept = self._means.vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
+                kept = self._means.safety_gate.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
                 self._means.consider(now, CandidateKind.LAST, last.trip, kept)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT)
@@ -64,11 +64,11 @@ class Fallback:
         return self._give_way(now, fresh)
 
     def go_on(self, now: Replan) -> OnlinePlan | None:
-        """Go on with the dodge that was begun, without a look at any other; None if that is not certified."""
+        """Go on with the manoeuvre that was begun, without a look at any other; None if that is not certified."""
         begun = self._evasion.begun(now)
         if begun is None or now.last is None:
             return None
-        certificate = self._means.vetting.certify_stop(now.moment, begun, now.moment.state.time)
+        certificate = self._means.safety_gate.certify_stop(now.moment, begun, now.moment.state.time)
         now.lap("certificate")
         self._means.consider(now, CandidateKind.EVASION, begun.trip, certificate)
         if not certificate.holds:
@@ -78,18 +78,18 @@ class Fallback:
 
     def leave(self, now: Replan, reason: Reason | None = None) -> OnlinePlan | None:
         """Get out of the way along a certified manoeuvre; None if none is certified."""
-        dodge = self._evasion.safest(now)
-        return None if dodge is None else self._dodging(now, dodge, reason)
+        manoeuvre = self._evasion.safest(now)
+        return None if manoeuvre is None else self._dodging(now, manoeuvre, reason)
 
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
         """Get out of the way where that is clearly better than a plan that would do."""
-        dodge = self._evasion.sooner(now, plan.trip)
-        return plan if dodge is None else self._dodging(now, dodge)
+        manoeuvre = self._evasion.sooner(now, plan.trip)
+        return plan if manoeuvre is None else self._dodging(now, manoeuvre)
 
-    def _dodging(self, now: Replan, dodge: Dodge, reason: Reason | None = None) -> OnlinePlan:
-        stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
-        self._whom, vetted = dodge.threat, Vetted(dodge.trip, dodge.certificate, stop, 0.0)
-        return self._means.plan_of(vetted, now, dodge.outcome, dodge.threat, reason)
+    def _dodging(self, now: Replan, manoeuvre: Manoeuvre, reason: Reason | None = None) -> OnlinePlan:
+        stop = Stop(manoeuvre.trip, manoeuvre.trip.frame.time + manoeuvre.trip.trajectory.travel_time)
+        self._whom, vetted = manoeuvre.threat, Vetted(manoeuvre.trip, manoeuvre.certificate, stop, 0.0)
+        return self._means.plan_of(vetted, now, manoeuvre.outcome, manoeuvre.threat, reason)
 
     def _give_way(self, now: Replan, fresh: Renewal) -> OnlinePlan:
         """Get out of the way, or stand where that is as safe; or else do what does least harm."""
@@ -111,19 +111,21 @@ class Fallback:
                 break
         least = self._evasion.least_harmful(now, others)
         goes_on = begun is not None and least.trip is begun.trip
-        dodge = self._evasion.as_dodge(now, begun) if begun is not None and goes_on else least
-        if isinstance(dodge, Stop):
-            return self._harmful(now, dodge)
-        if dodge.safe:  # it was none of those that were tried to certify
-            return self._dodging(now, dodge)
-        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, dodge.threat)
+        manoeuvre = self._evasion.as_manoeuvre(now, begun) if begun is not None and goes_on else least
+        if isinstance(manoeuvre, Stop):
+            return self._harmful(now, manoeuvre)
+        if manoeuvre.safe:  # it was none of those that were tried to certify
+            return self._dodging(now, manoeuvre)
+        return self._means.plan_of(
+            Vetted(manoeuvre.trip, manoeuvre.certificate, None), now, manoeuvre.outcome, manoeuvre.threat
+        )
 
     def _harmful(self, now: Replan, stop: Stop) -> OnlinePlan:
         """The plan of the last trip, which is not safe, or of a stop."""
         moment, trip = now.moment, stop.trip
         since = moment.state.time if trip.frame.time < moment.state.time else None
         certificate = moment.certify(
-            trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
+            trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.safety_gate.motions
         )
         now.lap("certificate")
         failed, goes_on = replace(certificate, holds=False), now.last is not None and trip is now.last.trip
@@ -136,7 +138,7 @@ class Fallback:
         begun, last = self._evasion.begun(now), now.last
         if begun is not None:
             return [begun]
-        if last is None or last.outcome in AWAY or not self._means.vetting.is_on(now.moment, last.trip):
+        if last is None or last.outcome in AWAY or not self._means.safety_gate.is_on(now.moment, last.trip):
             return []
         return [Stop(last.trip, last.trip.frame.time)]
 
@@ -147,9 +149,9 @@ class Fallback:
             return None
         stop = Stop(last.stop, last.branch_time)
         begun = moment.state.time > stop.branch + TIME
-        if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
+        if begun or stop.stands <= moment.state.time or not self._means.safety_gate.is_on(moment, stop.trip):
             return None
-        certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        certificate = self._means.safety_gate.certify_stop(moment, stop, moment.state.time)
         self._means.consider(now, CandidateKind.STOP, stop.trip, certificate)
         # From now on it is this stop that is driven, up to its end.
         whole = Stop(stop.trip, stop.trip.frame.time + stop.trip.trajectory.travel_time)
@@ -175,7 +177,7 @@ class Fallback:
     def _stops(self, now: Replan, fresh: Renewal) -> Iterator[Trip]:
         moment = now.moment
         last = now.last
-        if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
+        if last is not None and last.stop is not None and self._means.safety_gate.is_on(moment, last.stop):
             # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
             if moment.state.acceleration is None or moment.state.time <= last.branch_time + TIME:
                 yield last.stop

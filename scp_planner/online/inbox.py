@@ -63,7 +63,7 @@ INBOX = InboxParameters()
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Measurement:
     """An observation of an obstacle, in the units of the scene."""
 
     obstacle: str  # Its id
@@ -71,7 +71,7 @@ class Sighting:
     position: tuple[float, float]  # m
     covariance: Array | None  # (2, 2) m2
 
-    def at(self, time: float) -> Sighting:
+    def at(self, time: float) -> Measurement:
         """As if seen at another time, s."""
         return replace(self, time=time)
 
@@ -94,9 +94,9 @@ class Inbox:
         self.obstacles, self.notes = obstacles, deque[str](maxlen=INBOX.most_notes)
         self.work = Lock()
         self.gone: dict[str, Gone] = {}
-        self.stamps: Stamps[Sighting | Update] = Stamps(start, online.period)
+        self.stamps: Stamps[Measurement | Update] = Stamps(start, online.period)
         self._units, self._forget_after = units, online.forget_after
-        self._queue: deque[Sighting | Update | Forecast] = deque()
+        self._queue: deque[Measurement | Update | Forecast] = deque()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the lock: a copy has its own."""
@@ -110,7 +110,7 @@ class Inbox:
         """True if there is anything in it."""
         return bool(self._queue)
 
-    def put(self, one: Sighting | Update | Forecast) -> None:
+    def put(self, one: Measurement | Update | Forecast) -> None:
         """Take an observation, or what a tracker or a predictor says."""
         self._queue.append(one)
         if len(self._queue) >= len(self.obstacles.tracks):
@@ -127,14 +127,14 @@ class Inbox:
 
     def take_in(self, replanning: bool = False) -> None:
         """Let the obstacles take in what has been observed, but for stamps of times that have not come yet."""
-        frame: dict[str, Sighting] = {}
+        frame: dict[str, Measurement] = {}
         for one in self._in_time(replanning):
-            if isinstance(one, Sighting) and one.obstacle not in frame:
+            if isinstance(one, Measurement) and one.obstacle not in frame:
                 frame[one.obstacle] = one
                 continue
             self._take_in_frame(frame)
             frame = {}
-            if isinstance(one, Sighting):
+            if isinstance(one, Measurement):
                 frame[one.obstacle] = one
             elif isinstance(one, Forecast):
                 self._returned(one.obstacle, math.inf)
@@ -143,7 +143,7 @@ class Inbox:
                 self._note(one, one.taken_in(self.obstacles))
         self._take_in_frame(frame)
 
-    def _in_time(self, replanning: bool) -> Iterator[Sighting | Update | Forecast]:
+    def _in_time(self, replanning: bool) -> Iterator[Measurement | Update | Forecast]:
         """Give what was held back and is due, then what has come since."""
         latest = self.stamps.latest(replanning)
         yield from self.stamps.due()
@@ -164,24 +164,24 @@ class Inbox:
                 elif self._is_news(one):
                     yield one.at(self.stamps.now - HORIZON)
 
-    def _is_news(self, one: Sighting | Update) -> bool:
+    def _is_news(self, one: Measurement | Update) -> bool:
         """True if anything older than zones reach is worth knowing, since nothing newer is: then it is all there is."""
         track = self.obstacles.tracks.get(one.obstacle)
         if track is not None and (track.fixed is not None or track.newest > self.stamps.now - HORIZON):
-            self._note(one, "it is older than anything is foretold, and left out")
+            self._note(one, "it is older than anything is predicted, and left out")
             return False
-        self._note(one, "it is older than anything is foretold, and taken for as old as that")
+        self._note(one, "it is older than anything is predicted, and taken for as old as that")
         return True
 
     def _afresh(self, name: str) -> None:
-        """Begin a track again that has seen nothing for longer than anything is foretold, if it is such a one."""
+        """Begin a track again that has seen nothing for longer than anything is predicted, if it is such a one."""
         track = self.obstacles.tracks[name]
         if track.times and track.newest <= self.stamps.now - HORIZON:
             self.obstacles.remove(name)
             margin = track.margin - self.obstacles.margin
             self.obstacles.add_unseen(name, track.shape, track.model, margin, track.covariance)
 
-    def _hold(self, one: Sighting | Update) -> None:
+    def _hold(self, one: Measurement | Update) -> None:
         if self.stamps.hold(one):
             ahead = (one.time - self.stamps.now) * self._units.time
             self._note(one, f"it is {ahead:.3g} s ahead of the clock of the replans, and held back until then")
@@ -217,7 +217,7 @@ class Inbox:
             " used so much too late, and taken for newer than it is"
         )
 
-    def _take_in_frame(self, frame: Mapping[str, Sighting]) -> None:
+    def _take_in_frame(self, frame: Mapping[str, Measurement]) -> None:
         some = [one for name, one in frame.items() if self._returned(name, one.time)]
         if not some:
             return
@@ -228,7 +228,7 @@ class Inbox:
         for one, fault in zip(some, said, strict=True):
             self._note(one, fault)
 
-    def _note(self, one: Sighting | Update, fault: str | None) -> None:
+    def _note(self, one: Measurement | Update, fault: str | None) -> None:
         if fault is not None:
             self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 

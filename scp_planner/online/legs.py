@@ -23,9 +23,9 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import Reason, ReasonCode
 from scp_planner.online.remaining import State
+from scp_planner.online.safety_gate import Moment, Vetted
 from scp_planner.online.stops import STOPS, standing_trip
 from scp_planner.online.tolerances import OFF
-from scp_planner.online.vetting import Moment, Vetted
 from scp_planner.pauses import Steps
 from scp_planner.planning.legs import LEGS, LegSearch
 from scp_planner.planning.offline import planned
@@ -141,7 +141,7 @@ class LegsAhead:
             return None
         state = now.moment.state
         trip = self._trip if state.speed > STOPS.standing else _at(self._trip, state.time)
-        vetted = means.vetting.vet_on(now.moment, trip, means.foreseen, math.inf, True)
+        vetted = means.safety_gate.vet_on(now.moment, trip, means.foreseen, math.inf, True)
         vetted = vetted or Vetted(trip, now.moment.certify(trip), None)
         return means.plan_of(vetted, now, Outcome.IMPROVED)
 
@@ -243,7 +243,7 @@ class LegsAhead:
         if rest and plan.certified and self._certified(rest, _end(first), now):
             self._next = rest[0]
         elif rest:  # It can be driven up to where the vehicle stands at the next replan at the latest
-            rest = self._rest(first, max(first.end, means.vetting.unseen_until(now.moment)))
+            rest = self._rest(first, max(first.end, means.safety_gate.unseen_until(now.moment)))
             if plan.certified:
                 plan = replace(plan, status=PlanStatus.FEASIBLE, stop=plan.trip, branch_time=first.end)
         legs = Legs((first, *rest), Stand(first.begin, first.state(first.begin)[1]), _end([first, *rest][-1]))

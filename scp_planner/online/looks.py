@@ -11,8 +11,8 @@ from typing import Any
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.remaining import remaining_trip
+from scp_planner.online.safety_gate import Vetted
 from scp_planner.online.stops import STOPS
-from scp_planner.online.vetting import Vetted
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop

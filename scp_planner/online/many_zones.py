@@ -1,4 +1,4 @@
-"""Zones of many obstacles at once, from what is foretold of each as polynomials of time."""
+"""Zones of many obstacles at once, from what is predicted of each as polynomials of time."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.online.foretold import Later, Pieces, Prediction
 from scp_planner.online.mixtures import Mixture, even
+from scp_planner.online.predictions import Later, Pieces, Prediction
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -137,7 +137,7 @@ def made_zones(
 ) -> list[ThreatZone]:
     """Zones of covariances that are so many times those of a future, and what is seen next is expected by it."""
     start = float(future.breaks[0])
-    center, covariance = _foretold(tracks, future, sizing, soon)
+    center, covariance = _predicted(tracks, future, sizing, soon)
     scaled = scales[:, None, None, None] * future.covariances
     breaks = future.breaks[None]
     sized: dict[int, PiecewisePolynomials] = {}
@@ -174,14 +174,14 @@ def _reach(zone: ThreatZone, rate: Array, level: Level, bounds: tuple[float, flo
     return Reach(start, position, velocity, zone.covariances.coefficients[0, 0, 0], error, *bounds)
 
 
-def _foretold(
+def _predicted(
     tracks: Sequence[ObstacleTrack], future: Future, sizing: Sizing | None, soon: Future | None
 ) -> tuple[Array, Array]:
     """Let the bank of some tracks know what is predicted; centers and covariances of what is seen next."""
     first, near = tracks[0].estimator, soon or future
     center, covariance = near.centers[:, 0], near.covariances[:, 0]
     if first is not None and first.bank is not None:
-        told = first.bank.foretold
+        told = first.bank.predictions
         slots = slots_of(tracks)
         told.put(slots, float(future.breaks[0]), center, covariance)
         if sizing is not None:

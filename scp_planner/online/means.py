@@ -34,9 +34,9 @@ from scp_planner.online.reasons import (
     reason_of,
 )
 from scp_planner.online.remaining import State, _guide_from, bounds_round, remaining_trip
+from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF
-from scp_planner.online.vetting import VETTING, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.offline import GETS_AWAY
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
@@ -45,7 +45,7 @@ from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.first_trips import arcs, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import WAYS, WaySearch, ways_in_parts
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
@@ -130,7 +130,7 @@ class Means:
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
-        self.vetting = Vetting(period, online.safety is Safety.STOP, following, units, self.wait)
+        self.safety_gate = SafetyGate(period, online.safety is Safety.STOP, following, units, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
@@ -140,7 +140,7 @@ class Means:
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
-        self._foresight = online.period + online.reaction_time + stopping + 0.5 * VETTING.commitment
+        self._foresight = online.period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
         if online.foresight is not None:
             self._foresight = online.foresight
 
@@ -248,7 +248,7 @@ class Means:
             now.moment = self.moment(now.moment.state, now.last)
         if branch is None:
             branch = math.inf if now.last is None else now.last.branch_time
-        vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
+        vetted = self.safety_gate.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
         trip = vetted.trip if isinstance(vetted, Vetted) else Trip(problem.frame, trajectory)
         self.consider(now, kind, trip, vetted)
@@ -274,7 +274,7 @@ class Means:
 
     def kept(self, now: Replan, last: OnlinePlan) -> Vetted | None:
         """The last plan as it is, if it is certified to its end from now on."""
-        kept = self.vetting.vet_kept(now.moment, last.trip)
+        kept = self.safety_gate.vet_kept(now.moment, last.trip)
         now.lap("certificate")
         self.consider(now, CandidateKind.LAST, last.trip, kept)
         return kept
@@ -295,15 +295,15 @@ class Means:
             yield None if way is None else Trip(problem.frame, trip_along(problem, way))
             search.go_on_until(deadline())
         if not any_way and not math.isfinite(cutoff()):
-            for bow in bows(problem):
-                yield Trip(problem.frame, bow)
+            for arc in arcs(problem):
+                yield Trip(problem.frame, arc)
 
     def stop_straight_on(self, now: Replan, braking: Braking, reason: Reason) -> OnlinePlan:
         """Return the plan to stop straight ahead from the reported state, or to stand there."""
         moment, state = now.moment, now.moment.state
         trip = straight_stop(state, braking, self.settings, self.breakpoints)
         stop = Stop(trip, trip.frame.time)
-        certificate = self.vetting.certify_stop(moment, stop, None)
+        certificate = self.safety_gate.certify_stop(moment, stop, None)
         self.consider(now, CandidateKind.STOP, trip, certificate)
         vetted = Vetted(trip, certificate, stop if certificate.holds else None)
         return self.plan_of(vetted, now, Outcome.BRAKING, reason=reason)

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.waves import SlotStates, Swings, if_alike
+from scp_planner.online.oscillators import SlotStates, Swings, if_alike
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
 

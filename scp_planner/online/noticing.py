@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask, Reals
-from scp_planner.online.foretold import Foretold, longer
+from scp_planner.online.change_hypotheses import Measurements
 from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of
 from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
+from scp_planner.online.oscillators import SwingStates
+from scp_planner.online.predictions import Predictions, longer
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
-from scp_planner.online.suspicions import Sightings
 from scp_planner.online.tolerances import PROBABILITY
-from scp_planner.online.waves import SwingStates
 from scp_planner.settings.online import RARE
 from scp_planner.tracking.recursive import RecursiveEstimator
 
@@ -66,7 +66,7 @@ class Bank:
         self._evidence = np.zeros((1 + levels, NOTICING.evidence, 0))
         self._since = np.zeros(0, dtype=np.intp)  # observations since an alarm
         self._free: list[int] = []
-        self.foretold = Foretold()
+        self.predictions = Predictions()
 
     # slots
 
@@ -90,7 +90,7 @@ class Bank:
         for ring in (self._innovations, self._cut, self._filters_cut, self._evidence):
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
-        self.foretold.clear(slot)
+        self.predictions.clear(slot)
 
     def give_back(self, slot: int) -> None:
         """Leave a slot to others."""
@@ -108,7 +108,7 @@ class Bank:
     def _grow(self, size: int) -> None:
         self._free.extend(range(size - 1, len(self.count) - 1, -1))
         self.polynomials.grow(size)
-        self.foretold.grow(size)
+        self.predictions.grow(size)
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 setattr(self, name, longer(value, size, -1 if name in _LAST else 0))
@@ -119,9 +119,9 @@ class Bank:
         return np.asarray(self.noise * self._sigma[slots])
 
     def misfits(self, slots: Index, times: Array, positions: Array) -> Array:
-        """Squared standardised errors of what was foretold of what is seen, (n,); see `Foretold.squares`."""
+        """Squared standardised errors of what was predicted of what is seen, (n,); see `Predictions.squares`."""
         where = _run(slots)
-        return self.foretold.squares(where, times, positions, self.noise * self._sigma[where])
+        return self.predictions.squares(where, times, positions, self.noise * self._sigma[where])
 
     def is_declared(self, slots: Index, covariances: Sequence[Array | None]) -> Mask:
         """True if observations of some obstacles, (n,), come with the covariance that is known, or without one."""
@@ -381,10 +381,10 @@ class Bank:
 
     # the noise
 
-    def looks(self, slots: Index) -> Sightings:
+    def looks(self, slots: Index) -> Measurements:
         """The newest looks at some obstacles, (n,)."""
         rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)
-        return Sightings(rows[0], rows[1:])
+        return Measurements(rows[0], rows[1:])
 
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""

@@ -14,16 +14,23 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.online.alarmed_zones import Alarmed, changes_among
+from scp_planner.online.change_hypotheses import CHANGE_HYPOTHESES, ChangeHypotheses
 from scp_planner.online.foresight import Learning, least_noise
-from scp_planner.online.foretold import Prediction
+from scp_planner.online.initialised_tracks import (
+    InitialisedTracks,
+    Learnt,
+    PolynomialMotions,
+    SortedTracks,
+    TrackKind,
+    learns,
+)
 from scp_planner.online.many_zones import Level
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
+from scp_planner.online.predictions import Prediction
 from scp_planner.online.regions import NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
-from scp_planner.online.settled_tracks import Learnt, PolynomialMotions, SettledTracks, SortedTracks, TrackKind, learns
-from scp_planner.online.suspicions import SUSPICIONS, Suspicions
 from scp_planner.online.track import (
     TRACKS,
     GivenZones,
@@ -59,7 +66,7 @@ from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
 
 logger = logging.getLogger(__name__)
-FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
+PREDICTED_TIMES = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 
 
@@ -201,7 +208,7 @@ class ObstacleTracks:
             track.estimator.close()
 
     def foretell(self, name: str, motion: GivenMotion) -> None:
-        """Take an obstacle to move as is foretold, until it is observed."""
+        """Take an obstacle to move as is predicted, until it is observed."""
         self._ready = None
         track = self.tracks[name]
         track.fixed, track.suspects = motion, []
@@ -286,7 +293,7 @@ class ObstacleTracks:
             made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
         if self.sizes is not None:
             for bank in self._banks.values():
-                bank.foretold.keep(start)
+                bank.predictions.keep(start)
         uncertain = level.estimated
         every = ((made[track.id],) if track.fixed is None else self._given(track, uncertain) for track in tracks)
         return tuple(chain.from_iterable(every))
@@ -313,18 +320,18 @@ class ObstacleTracks:
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
-                track.foretold.clear()
+                track.predictions.clear()
         for order, some in kinds[TrackKind.NEW].items():
             for track in some:
                 track.zone = None
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
         return made
 
-    def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> SettledTracks:
+    def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> InitialisedTracks:
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
-        suspicions = self._suspicions(tracks, level) if banked else None
-        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, suspicions)
-        return SettledTracks(tracks, motions, suspicions, banked, self.sizes)
+        change_hypotheses = self._change_hypotheses(tracks, level) if banked else None
+        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, change_hypotheses)
+        return InitialisedTracks(tracks, motions, change_hypotheses, banked, self.sizes)
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         estimators = [track.estimator for track in tracks]
@@ -332,18 +339,20 @@ class ObstacleTracks:
             return self._banks[tracks[0].model.order].polynomials.roots.of(slots_of(tracks))
         return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
 
-    def _suspicions(self, tracks: Sequence[ObstacleTrack], level: Level) -> Suspicions | None:
+    def _change_hypotheses(self, tracks: Sequence[ObstacleTrack], level: Level) -> ChangeHypotheses | None:
         """Changes of acceleration of some tracks of one bank that are likely enough to matter."""
         if self.watch.changes <= 0.0:
             return None
         bank, slots = self._banks[tracks[0].model.order], slots_of(tracks)
-        some = np.flatnonzero(bank.trend[slots] > SUSPICIONS.looked_at)
+        some = np.flatnonzero(bank.trend[slots] > CHANGE_HYPOTHESES.looked_at)
         if not len(some):
             return None
         found = changes_among(bank, slots[some], self.newcomers.acceleration_deviation)
         if not found.spoken_for:
             return None
-        return found.suspicions(self.watch.changes).among(some, len(tracks), SUSPICIONS.left_out * level.alpha)
+        return found.change_hypotheses(self.watch.changes).among(
+            some, len(tracks), CHANGE_HYPOTHESES.left_out * level.alpha
+        )
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         try:
@@ -371,7 +380,7 @@ class ObstacleTracks:
         made = dict(zip(some, sized, strict=True))
         zones = [region.resized(made.get(k, region.uncut)).zone() for k, region in enumerate(regions)]
         for k, zone in made.items():
-            tracks[k].keep_foretold()
+            tracks[k].keep_prediction()
             tracks[k].zone = None if zone is regions[k].uncut else zones[k]
         return zones
 
@@ -392,7 +401,7 @@ class ObstacleTracks:
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
         track.seen_noise = estimate.noise_covariance if track.estimates_noise else None
         if track.estimator is not None and track.estimator.bank is not None:
-            track.estimator.bank.foretold.put(slots_of([track]), start, pieces.center, pieces.covariance)
+            track.estimator.bank.predictions.put(slots_of([track]), start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin, track.model.bounds)
         return estimated_region(shaped, estimate, self.confidence, level.estimated, start)
@@ -412,10 +421,10 @@ class ObstacleTracks:
             for track in some
         }
 
-    def _foretold(self, zone: ThreatZone) -> Course:
+    def _predicted(self, zone: ThreatZone) -> Course:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
-        times = float(zone.centers.breakpoints[0, 0]) + FORETOLD
+        times = float(zone.centers.breakpoints[0, 0]) + PREDICTED_TIMES
         scale = marginal_scale(str(self.confidence.level), self.confidence.probability, len(times), uncertain)
         covariances = zone.covariance(times) / (scale * (1.0 + TRACKS.interpolated))
         return Course.model_construct(
@@ -433,7 +442,7 @@ class ObstacleTracks:
         if track.fixed is not None:
             return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
         if track.zone is not None:
-            course = self._foretold(track.zone)
+            course = self._predicted(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         if track.given is not None:
             change = {} if track.model.process is not None else {"manoeuvre": self._manoeuvre}

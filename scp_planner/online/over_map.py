@@ -84,7 +84,7 @@ class RouteAhead:
             self.begin = None
         elif self.begin is not None and state.speed <= STOPS.standing:
             self.begin = Trip(replace(self.begin.frame, time=state.time), self.begin.trajectory)
-            self._due = self._due or not means.vetting.is_on(now.moment, self.begin)
+            self._due = self._due or not means.safety_gate.is_on(now.moment, self.begin)
         if not grown:  # Another map or goal: what is driven may still be as good as any
             alone = replace(now.moment, zones=())
             if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:

@@ -16,7 +16,7 @@ from scp_planner.online.arguments import (
     checked_estimate,
     checked_motion,
 )
-from scp_planner.online.inbox import Forecast, Inbox, Sighting, Update
+from scp_planner.online.inbox import Forecast, Inbox, Measurement, Update
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.scenario.models import Model, Obstacle
 from scp_planner.scenario.motions import GivenMotion
@@ -81,7 +81,7 @@ class Perception:
         except OutOfRangeError as odd:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
-        self._inbox.put(Sighting(obstacle, units.instant(float(time)), units.place(place), noise))
+        self._inbox.put(Measurement(obstacle, units.instant(float(time)), units.place(place), noise))
         for each in self.listeners:
             each.observed(obstacle, time, place, covariance)
 

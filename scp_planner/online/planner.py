@@ -123,7 +123,7 @@ class Planner(Changeable):
         self._legs: LegsAhead | None = None
         self._asked = anchored(scenario).model_copy(update={"obstacles": ()})  # in the user's units
         self._take_up(inside, solver or solver_named(settings.solver))
-        self._assumptions = Assumptions(self._means.vetting.period, units)
+        self._assumptions = Assumptions(self._means.safety_gate.period, units)
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0

@@ -10,9 +10,9 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Sizing, times_linear
 from scp_planner.online.noticing import Bank
+from scp_planner.online.predictions import Prediction
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
@@ -49,7 +49,7 @@ class RegionSizes:
 
     def learn(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
         """Learn from what is seen of some obstacles of one bank or of none, one observation of each."""
-        alone = [number for number, track in enumerate(tracks) if track.foretold]
+        alone = [number for number, track in enumerate(tracks) if track.predictions]
         if alone:
             self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone], newcomers)
         first = tracks[0].estimator if len(tracks) else None
@@ -70,7 +70,7 @@ class RegionSizes:
         times, positions = np.array([one.time for one in seen]), np.array([one.position for one in seen])
         declared = bank.noise_of(slots)[:, [0, 0, 1], [0, 1, 1]]
         for number in horizons:
-            for found in bank.foretold.compared(slots, times, positions, REGIONS.horizons[number], REGIONS.latest):
+            for found in bank.predictions.compared(slots, times, positions, REGIONS.horizons[number], REGIONS.latest):
                 names = [tracks[k].id for k in found.which.tolist()]
                 self._take_in(number, names, found.offset, found.covariance, declared[found.which], found.kinds)
 
@@ -79,10 +79,10 @@ class RegionSizes:
             told: list[Prediction] = []
             which: list[int] = []
             for k, (track, one) in enumerate(zip(tracks, seen, strict=True)):
-                origins = [each.origin for each in track.foretold]
+                origins = [each.origin for each in track.predictions]
                 before = bisect(origins, one.time - horizon) - 1
                 if before >= 0 and one.time - origins[before] <= horizon + REGIONS.latest:
-                    told.append(track.foretold[before])
+                    told.append(track.predictions[before])
                     which.append(k)
             if not told:
                 continue

@@ -117,7 +117,7 @@ def _path(problem: Problem, old: Trip, first: float, led: bool) -> Array:
     back = min(max(REMAINING.way_back, REMAINING.way_back_times * abs(off)), space.length)
     left = np.minimum(np.maximum(x / back, 0.0), 1.0)
     y = y - off * (1.0 - left) ** 2 * (1.0 + 2.0 * left)
-    # A path over the guide goes forward; what does not (a bow driven backwards along the new guide) is left out.
+    # A path over the guide goes forward; what does not (an arc driven backwards along the new guide) is left out.
     forward = np.maximum.accumulate(x) <= x + LENGTH
     forward &= (x >= 0.0) & (x <= space.length)
     x, y = x[forward], y[forward]

@@ -14,8 +14,8 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
-from scp_planner.online.foretold import KEPT, Prediction
 from scp_planner.online.noticing import Bank
+from scp_planner.online.predictions import KEPT, Prediction
 from scp_planner.online.tolerances import LEAST_DEVIATION
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model, Observations
@@ -109,7 +109,7 @@ class TrackEstimator(ABC):
 
     @property
     def alarmed(self) -> bool:
-        """True if it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than predicted."""
         return False
 
     def close(self) -> None:  # noqa: B027 - most hold nothing that others could use
@@ -164,7 +164,7 @@ class NoticingTrack(TrackEstimator):
 
     @property
     def alarmed(self) -> bool:
-        """True if it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than predicted."""
         return bool(self.bank.alarmed[self.slot])
 
     def close(self) -> None:
@@ -225,7 +225,7 @@ class ObstacleTrack:
     noise_factor: float = 1.0  # Variance of the noise as a multiple of what is declared
     predicted: Prediction | None = None
     seen_noise: Array | None = None  # (2, 2) Noise with that, m^2, where it is estimated from what was seen
-    foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
+    predictions: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
     suspected: bool = False
     zone: ThreatZone | None = None  # The last one, as long as it is not what the estimate makes alone
     made: GivenZones | None = None
@@ -278,13 +278,13 @@ class ObstacleTrack:
 
     @property
     def alarmed(self) -> bool:
-        """True if it has been noticed to move otherwise than foretold."""
+        """True if it has been noticed to move otherwise than predicted."""
         return self.estimator is not None and self.estimator.alarmed
 
-    def keep_foretold(self) -> None:
+    def keep_prediction(self) -> None:
         """Keep what is predicted of it, to see what comes of that."""
         if self.predicted is not None:
-            self.foretold.append(self.predicted)
+            self.predictions.append(self.predicted)
 
     @property
     def simple(self) -> bool:

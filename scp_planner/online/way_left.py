@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.online.dodge_courses import COURSES
+from scp_planner.online.manoeuvre_courses import COURSES
 from scp_planner.online.tolerances import ANGLE
 
 

@@ -23,7 +23,7 @@ from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.target import TargetMotion
@@ -128,7 +128,7 @@ class MeetingSearch:
         there = changed(self.scenario, goal=self.target.goal_at(self.scenario.goal, self.scenario.start.time))
         task = self._task_at(straight_trip_time(there, Limits.of(there)))
         runs = CheckedRuns(replace(task, threat_zones=()))
-        return CheckedRuns(task).judged(runs.unchecked(next(bows(runs.problem))).run, self.scenario)
+        return CheckedRuns(task).judged(runs.unchecked(next(arcs(runs.problem))).run, self.scenario)
 
     def _estimate(self) -> float:
         """Time of the meeting where nothing is in the way, and turning takes no time, s."""

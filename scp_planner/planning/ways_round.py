@@ -19,7 +19,7 @@ from scp_planner.planning.runs import CheckedRuns, ScpRun, promise
 from scp_planner.planning.trip_search import Start, TripSearch
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.search.first_trips import FIT, bows, trip_along
+from scp_planner.search.first_trips import FIT, arcs, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree
@@ -164,7 +164,7 @@ class Arcs(Attempt[TripSearch, ScpRun]):
         runs, cutoff = search.runs, search.cutoff
         if self.covered or search.out_of_time or search.cut_off:
             loop = runs.patient_loop if self.covered else None
-            yield runs.attempt(next(bows(runs.problem)), cutoff, loop=loop)
+            yield runs.attempt(next(arcs(runs.problem)), cutoff, loop=loop)
             return
         logger.info("starting from arcs")
         best = self._race(search)
@@ -175,7 +175,7 @@ class Arcs(Attempt[TripSearch, ScpRun]):
     def _race(self, search: TripSearch) -> LoopRun:
         """Run from one arc after the other; the fastest so far cuts off those that can hardly become faster."""
         best, cutoff = None, search.cutoff
-        for start in bows(search.runs.problem):
+        for start in arcs(search.runs.problem):
             if best is not None and search.out_of_time:
                 break
             with search.tally.timed("scp"):

@@ -138,7 +138,7 @@ class Obstacle(Part):
     )
     observations: OfParts[Observations | None] = by_default(None, description="from which the motion is estimated")
     estimate: OfParts[Estimate | None] = by_default(
-        None, description="what a tracker says, from which the motion is foretold"
+        None, description="what a tracker says, from which the motion is predicted"
     )
     model: TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str] = (
         by_default(

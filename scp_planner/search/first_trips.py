@@ -1,4 +1,4 @@
-"""First trips: within the limits, along a way that the search found; and bows where it found none."""
+"""First trips: within the limits, along a way that the search found; and arcs where it found none."""
 
 from __future__ import annotations
 
@@ -138,8 +138,8 @@ def _highest(problem: Problem, times: Array, driven: Array) -> Array:
     return np.minimum(problem.highest_accelerations, np.maximum(power / np.maximum(speed, LEAST_DIVISOR), least))
 
 
-def bows(problem: Problem) -> Iterator[Trajectory]:
-    """Yield bows to both sides, driven fast, then slowly: what to start from where the search finds no way."""
+def arcs(problem: Problem) -> Iterator[Trajectory]:
+    """Yield arcs to both sides, driven fast, then slowly: what to start from where the search finds no way."""
     space, ends = problem.space, problem.ends
     shape = np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size))
     for speeding in (0.6, 0.0):

@@ -1,4 +1,4 @@
-"""Starts for any method: different ways round the obstacles, or bows where there is none."""
+"""Starts for any method: different ways round the obstacles, or arcs where there is none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.constraints.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
-from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.first_trips import arcs, trip_along
 from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.trips.trajectory import Trajectory
@@ -41,7 +41,7 @@ def coarsenesses(problem: Problem) -> tuple[float, ...]:
 
 
 def starts(problem: Problem, searches: int, deadline: float = np.inf) -> Iterator[tuple[float, Trajectory]]:
-    """Yield estimated travel times and starts for any method: different ways round, or bows if there is none."""
+    """Yield estimated travel times and starts for any method: different ways round, or arcs if there is none."""
     for coarseness in coarsenesses(problem):
         if perf_counter() > deadline:
             break
@@ -52,5 +52,5 @@ def starts(problem: Problem, searches: int, deadline: float = np.inf) -> Iterato
             yield way.travel_time, trip_along(problem, way)
         if found:
             return
-    for start in bows(problem):
+    for start in arcs(problem):
         yield 0.0, start

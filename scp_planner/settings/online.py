@@ -180,7 +180,7 @@ class OnlineSettings(Knobs):
         of tentative tracks. Larger: zones that grow faster, and slower trips.
     changes : float
         Assumed rate of changes of an obstacle's acceleration, per unit of time of the scene. Larger: zones allow for a
-        change sooner, and for more false ones, see `scp_planner.online.suspicions`. 0: only after an alarm.
+        change sooner, and for more false ones, see `scp_planner.online.change_hypotheses`. 0: only after an alarm.
     regions : Regions
         Source of the sizes of zones: ``model``, the estimated motion; ``adaptive``, that and its coverage so far, so
         that the level is kept in the long run, see `scp_planner.tracking.conformal`.

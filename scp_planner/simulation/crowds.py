@@ -37,7 +37,7 @@ class Protocol:
     arena_speeds: tuple[float, float] = (0.5, 1.5)  # m/s
     most_draws: int = 100_000  # Of places for a crowd, before the scene counts as full
     forget_steps: int = 6  # Steps after which somebody who is not seen has gone
-    # At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment.
+    # At which people's zones hold them. Higher: wider arcs, more waiting; lower: more steps aside in the last moment.
     level: float = 0.7
     # Times in which the vehicle drives its own width, for which a stop stays clear: who stands can go away in time...
     stay_clear: float = 0.5

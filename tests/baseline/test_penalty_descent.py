@@ -21,7 +21,7 @@ from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.search.starts import starts
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
@@ -159,7 +159,7 @@ def test_no_ways_are_looked_for_after_the_deadline() -> None:
     problem = build_problem(scene(*CROSSERS), zones(scene(*CROSSERS)), SMALL)
     estimate, start = next(starts(problem, 4, deadline=0.0))
     assert estimate == 0.0 < next(starts(problem, 4))[0]
-    assert np.array_equal(start.theta, next(bows(problem)).theta)
+    assert np.array_equal(start.theta, next(arcs(problem)).theta)
 
 
 def test_a_run_out_of_time_says_so() -> None:

@@ -293,7 +293,7 @@ def test_a_limit_broken_by_a_thousandth_is_refused(seed: int, limit: str, name: 
 
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_peak_of_curvature_between_knots_is_found(seed: int) -> None:
-    trip = random_trip(seed, path_degree=5, bow=1.2)
+    trip = random_trip(seed, path_degree=5, arc=1.2)
     reference = Reference(trip)
     where, value = least(lambda s: -np.abs(reference.curvature_at(s)), 0.0, 20.0, 200001)
     assert np.abs(reference.station_knots - where).min() > 0.05

@@ -59,7 +59,7 @@ def inside_intervals(middle: Array, half: Array, count: int = 9) -> Array:
     ],
 )
 def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) -> None:
-    trip = random_trip(seed, path_degree=3 + seed % 3, acceleration_degree=degree, bow=0.8)
+    trip = random_trip(seed, path_degree=3 + seed % 3, acceleration_degree=degree, arc=0.8)
     reference = Reference(trip)
     zone, distance = elliptic_zone(reference, seed)
     scenario = the_scene(passing(reference, seed, 3.0).obstacle(0.1), disc("still", (8.0, 1.0)), *CROSSERS)

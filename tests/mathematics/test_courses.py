@@ -109,22 +109,22 @@ def test_a_course_is_saved_and_loaded(tmp_path: Any) -> None:
     assert sp.Scenario.load(tmp_path / "course.yaml") == scenario
 
 
-# courses that are foretold, with a covariance
+# courses that are predicted, with a covariance
 
 ROUND, LONG = [[0.04, 0.0], [0.0, 0.04]], [[0.09, 0.05], [0.05, 0.16]]
 
 
-def foretold(shape: dict[str, Any], covariance: Any, **more: Any) -> dict[str, Any]:
+def predicted(shape: dict[str, Any], covariance: Any, **more: Any) -> dict[str, Any]:
     given = course(shape)
     return {**given, "motion": {**given["motion"], "covariance": covariance}, **more}
 
 
 @pytest.mark.parametrize(("level", "count"), [("per_time", 1), ("per_obstacle", len(TIMES)), ("joint", 2 * len(TIMES))])
-def test_zones_of_foretold_courses_grow_with_the_covariance_and_the_level(level: str, count: int) -> None:
+def test_zones_of_predicted_courses_grow_with_the_covariance_and_the_level(level: str, count: int) -> None:
     each = [ROUND, ROUND, LONG, LONG, ROUND, LONG]
     scenario = scene(
-        foretold({"disc": 0.5}, each),
-        {**foretold({"disc": 0.5}, ROUND), "id": "another"},
+        predicted({"disc": 0.5}, each),
+        {**predicted({"disc": 0.5}, ROUND), "id": "another"},
         confidence={"probability": 0.9, "level": level},
         start=start_at(100.0),
     )
@@ -141,7 +141,7 @@ def test_zones_of_foretold_courses_grow_with_the_covariance_and_the_level(level:
 
 def test_the_joint_level_holds_for_errors_that_are_linear_between_the_times() -> None:
     rng, runs = np.random.default_rng(3), 4000
-    scenario = scene(foretold({"disc": 0.5}, LONG), confidence={"probability": 0.9}, start=start_at(100.0))
+    scenario = scene(predicted({"disc": 0.5}, LONG), confidence={"probability": 0.9}, start=start_at(100.0))
     (zone,) = sp.zones(scenario)
     fine = np.linspace(TIMES[0], TIMES[-1], 120)
     shared = rng.multivariate_normal([0.0, 0.0], LONG, runs)
@@ -155,9 +155,9 @@ def test_the_joint_level_holds_for_errors_that_are_linear_between_the_times() ->
 
 
 @pytest.mark.parametrize("shape", [{"disc": 0.4}, {"rectangle": [1.0, 0.6]}])
-def test_plans_keep_clear_of_foretold_courses(shape: dict[str, Any]) -> None:
+def test_plans_keep_clear_of_predicted_courses(shape: dict[str, Any]) -> None:
     exact = sp.plan(scene(course(shape), start=start_at(100.0)))
-    scenario = scene(foretold(shape, ROUND), start=start_at(100.0))
+    scenario = scene(predicted(shape, ROUND), start=start_at(100.0))
     plan = sp.plan(scenario)
     assert plan.certified, plan.reason
     assert plan.travel_time > exact.travel_time - 1e-3
@@ -169,8 +169,8 @@ def test_plans_keep_clear_of_foretold_courses(shape: dict[str, Any]) -> None:
     assert gap.min() >= size + ellipse + 0.3 - 1e-6
 
 
-def test_a_planner_online_knows_courses_that_are_foretold() -> None:
-    planner = sp.Planner(scene(foretold({"disc": 0.4}, ROUND), start=start_at(100.0)))
+def test_a_planner_online_knows_courses_that_are_predicted() -> None:
+    planner = sp.Planner(scene(predicted({"disc": 0.4}, ROUND), start=start_at(100.0)))
     plan = planner.replan(100.0, (0.0, 0.0), 0.0, 1.0)
     assert plan.safe, plan.reason
     (zone,) = planner.zones

@@ -161,7 +161,7 @@ def test_where_nothing_is_safe_it_says_for_whom_and_how_long(
 def test_vehicle_goes_on_between_posts_where_nothing_does_less_harm() -> None:
     """Two posts at the way turn out to be known badly when the vehicle can neither stop nor turn before them."""
 
-    def foretold(side: float, deviation: float) -> dict[str, Any]:
+    def predicted(side: float, deviation: float) -> dict[str, Any]:
         spread = [[deviation**2, 0.0], [0.0, deviation**2]]
         return {"time": [0.0, 30.0], "position": 2 * [[19.0, side]], "covariance": 2 * [spread]}
 
@@ -170,7 +170,7 @@ def test_vehicle_goes_on_between_posts_where_nothing_does_less_harm() -> None:
     first = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     assert first.certified
     for name, side in posts.items():
-        planner.update_motion(name, foretold(side, 0.35))
+        planner.update_motion(name, predicted(side, 0.35))
     for time in (17.0 / 3.0, 17.4 / 3.0):
         plan = follow(planner, time)
         assert plan.outcome in (Outcome.KEPT, Outcome.EVADING) and not plan.safe and not plan.certified
@@ -328,7 +328,7 @@ def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
     assert sp.certify(planner.scenario, safe[4.0]).clearance.minimum >= 0.0
 
 
-def test_in_a_narrow_room_no_dodge_ends_where_no_trip_leads_on() -> None:
+def test_in_a_narrow_room_no_manoeuvre_ends_where_no_trip_leads_on() -> None:
     """Something blocks the room for a while. The vehicle cannot turn round there: turned to a wall it would stay."""
     planner = Planner(scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)}), online=OnlineSettings(iterations=6))
     plan = planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)

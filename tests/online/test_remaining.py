@@ -32,11 +32,11 @@ def driven(time: np.ndarray | float) -> np.ndarray | float:
 DURATION = (np.sqrt(START**2 + 2.0 * RATE * LENGTH) - START) / RATE
 
 
-def old_trip(bow: float) -> Trip:
-    """From (0, 0) to (20, 0) at time 3; beside the straight line by as much as ``bow``, in the middle."""
+def old_trip(arc: float) -> Trip:
+    """From (0, 0) to (20, 0) at time 3; beside the straight line by as much as ``arc``, in the middle."""
     breaks = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
     space = TripSpace(StraightGuide(LENGTH), START, 5, 8, 0, breaks)
-    theta = bow * np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size)) ** 3
+    theta = arc * np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size)) ** 3
     path = Path(space, theta)
     time = (np.sqrt(START**2 + 2.0 * RATE * path.arc_length) - START) / RATE
     frame = PlanningFrame.between((0.0, 0.0), (LENGTH, 0.0), 3.0)

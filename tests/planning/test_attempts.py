@@ -27,7 +27,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers.interface import QuadraticProgram, Solution, solver_named
 from scp_planner.trips.trajectory import Trajectory
@@ -189,7 +189,7 @@ def test_no_arc_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) ->
 
     search = search_in(STANDING, deadline=0.5)
     search = TripSearch(CheckedRuns(replace(search.task, own_solver=Slow())))
-    assert len(list(bows(search.runs.problem))) > 3
+    assert len(list(arcs(search.runs.problem))) > 3
     search.walk([Arcs(search.runs)])
     assert search.tally.tried["arc"] == 2, "the first one, and what it came to, to be judged"
     assert search.best is not None and not search.best.holds
@@ -234,7 +234,7 @@ def test_arcs_are_tried_where_fewer_ways_than_usual_have_failed(
     settings = for_scene(Settings(effort=effort, max_offset=2.0))
     blocked = scene(disc("all", (12.0, 0.0), radius=7.0))
     search = TripSearch(CheckedRuns(Task(blocked, sp.zones(blocked), settings, np.inf, thorough=thorough)))
-    failed = search.runs.attempt(next(bows(search.runs.problem)))
+    failed = search.runs.attempt(next(arcs(search.runs.problem)))
     assert not failed.holds
     search.walk([Failed(ways - 1, failed), Arcs(search.runs)])
     assert (search.tally.tried["arc"] > 0) is tried

@@ -13,7 +13,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import LoopStatus
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.search.ways import WaySearch
 from scp_planner.solvers import solver_named
 from scp_planner.trips.trajectory import Trajectory
@@ -118,7 +118,7 @@ def test_far_obstacles_change_nothing() -> None:
 def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
     problem = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
     loop = ScpLoop(problem, solver_named("daqp"))
-    best = loop.run(next(iter(bows(problem))), 60)
+    best = loop.run(next(iter(arcs(problem))), 60)
     assert best.status is LoopStatus.CONVERGED
     trip = best.evaluation.trajectory
     theta = trip.theta.copy()
@@ -129,7 +129,7 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
     assert against.status is LoopStatus.SAME_WAY
     assert len(against.record) < len(alone.record)
     others = 0
-    for start in bows(problem):
+    for start in arcs(problem):
         alone = loop.run(start, 60)
         if alone.feasible and alone.evaluation.trajectory.travel_time > trip.travel_time + 0.1:
             against = loop.run(start, 60, rival=best.evaluation)
@@ -142,13 +142,13 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
 def test_runs_far_from_feasible_end_early_where_there_are_others() -> None:
     blocked = scene(disc("all", (12.0, 0.0), radius=7.0))
     problem = build_problem(blocked, sp.zones(blocked), sp.Settings(max_offset=2.0))
-    start = next(iter(bows(problem)))
+    start = next(iter(arcs(problem)))
     solver = solver_named("daqp")
     impatient, patient = ScpLoop(problem, solver, None, 4).run(start, 60), ScpLoop(problem, solver).run(start, 60)
     assert impatient.status is patient.status is LoopStatus.INFEASIBLE
     assert len(impatient.record) == 4 < len(patient.record)
     free = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
-    way = next(iter(bows(free)))
+    way = next(iter(arcs(free)))
     alone, among = ScpLoop(free, solver).run(way, 60), ScpLoop(free, solver, None, 8).run(way, 60)
     assert alone.status is among.status is LoopStatus.CONVERGED
     assert alone.evaluation.trajectory.travel_time == among.evaluation.trajectory.travel_time
@@ -196,10 +196,10 @@ def problem_of(scenario: sp.Scenario, settings: sp.Settings | None) -> Problem:
 
 
 def test_the_guide_of_a_user_is_the_only_one() -> None:
-    bow = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]], goal={"latest_arrival": 8.0})
-    late = sp.plan(bow)
+    arc = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]], goal={"latest_arrival": 8.0})
+    late = sp.plan(arc)
     assert not late.certified and late.travel_time > 8.0
-    assert sp.plan(bow.model_copy(update={"guide": None})).certified
+    assert sp.plan(arc.model_copy(update={"guide": None})).certified
 
 
 def test_more_jerk_makes_no_trip_slower_or_impossible() -> None:

@@ -11,8 +11,8 @@ from scp_planner.scenario.places import Line, Stretch, followed, limits_at
 def test_each_pass_over_a_crossing_keeps_its_own_stations() -> None:
     """A line that goes up, around, and then across itself: a drive along it is on each part in turn."""
     turn = np.linspace(np.pi, -0.5 * np.pi, 40)
-    bow = np.stack([20.0 + 20.0 * np.cos(turn), 40.0 + 20.0 * np.sin(turn)], axis=1)
-    line = Line(np.concatenate([[[0.0, -40.0], [0.0, 30.0]], bow, [[-40.0, 20.0]]]))
+    arc = np.stack([20.0 + 20.0 * np.cos(turn), 40.0 + 20.0 * np.sin(turn)], axis=1)
+    line = Line(np.concatenate([[[0.0, -40.0], [0.0, 30.0]], arc, [[-40.0, 20.0]]]))
     first_pass = 60.0
     second_pass = line.length - 40.0
     assert line.loop == pytest.approx(second_pass - first_pass, abs=1e-9)

@@ -28,14 +28,14 @@ from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.record import LoopStatus
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.subproblem import build_subproblem
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
 from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 PROBLEM = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
-START = next(iter(bows(PROBLEM)))
+START = next(iter(arcs(PROBLEM)))
 
 
 def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,7 +65,7 @@ def test_a_run_goes_on_with_the_prices_of_another() -> None:
 def test_runs_arrive_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
     wanted = scene(*CROSSERS, goal={"speed": speed})
     problem = build_problem(wanted, sp.zones(wanted), sp.Settings())
-    for start in islice(bows(problem), 1, 3):
+    for start in islice(arcs(problem), 1, 3):
         run = ScpLoop(problem, solver_named("daqp")).run(start, 60)
         assert run.status is LoopStatus.CONVERGED and run.feasible
         assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
@@ -146,13 +146,13 @@ def test_an_iteration_ends_between_its_parts_when_the_time_is_up(part: str, monk
 def test_no_trip_is_linearised_twice_or_looked_at_in_vain() -> None:
     """After a step that is rejected the rows are known, and a trip that will be too slow is not looked at."""
     limit = Watched(PROBLEM)
-    bow = next(islice(bows(PROBLEM), 3, None))
-    run = watched(limit).run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
+    arc = next(islice(arcs(PROBLEM), 3, None))
+    run = watched(limit).run(arc, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
     rejected = sum(not step.accepted for step in run.record)
     assert rejected > 0
     # The last one, from which nothing is left to gain, ends without a step.
     assert len(limit.linearised) <= len(run.record) + 1 - rejected and len(limit.evaluated) == len(run.record) + 1
-    start = next(islice(bows(PROBLEM), 2, None))
+    start = next(islice(arcs(PROBLEM), 2, None))
     best = watched(Watched(PROBLEM)).run(start, 60).evaluation.trajectory.travel_time
     limit = Watched(PROBLEM)
     slow = watched(limit).run(start, 60, cutoff=0.97 * best)
@@ -166,7 +166,7 @@ def test_after_a_short_step_nothing_is_linearised_again() -> None:
     ended, looks = {}, {}
     for short in (LOOP.short, 0.0):
         limit = Watched(PROBLEM)
-        ended[short] = [watched(limit, replace(LOOP, short=short)).run(bow, 60) for bow in bows(PROBLEM)]
+        ended[short] = [watched(limit, replace(LOOP, short=short)).run(arc, 60) for arc in arcs(PROBLEM)]
         looks[short] = len(limit.linearised)
     assert looks[LOOP.short] < looks[0.0]
     for sooner, later in zip(*ended.values(), strict=True):

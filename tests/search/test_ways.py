@@ -13,7 +13,7 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.first_trips import arcs, trip_along
 from scp_planner.search.starts import coarsenesses, starts
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
@@ -200,16 +200,16 @@ def test_a_trip_along_a_way_fits_its_offsets_and_bends_as_little(smoothing: floa
     assert np.all(trip.beta >= problem.lowest_accelerations - 1e-9)
 
 
-def test_bows_go_to_both_sides_and_arrive() -> None:
+def test_arcs_go_to_both_sides_and_arrive() -> None:
     problem = of_crossers()
-    found = list(bows(problem))
+    found = list(arcs(problem))
     middle = [float(trip.path.points(np.array([0.5])).position[0, 1]) for trip in found]
     assert [int(np.sign(round(y, 6))) for y in middle] == [0, 1, -1, 1, -1] * 2
     assert all(math.isfinite(trip.travel_time) for trip in found)
     assert min(trip.travel_time for trip in found[5:]) > max(trip.travel_time for trip in found[:1])
 
 
-# Starts for any method: different ways round, and bows where there is none
+# Starts for any method: different ways round, and arcs where there is none
 
 
 def coarse_problem(scenario: Scenario) -> Problem:
@@ -224,11 +224,11 @@ def test_starts_are_several_different_ways() -> None:
     assert len(ends) == len(found)
 
 
-def test_starts_are_bows_where_there_is_no_way() -> None:
+def test_starts_are_arcs_where_there_is_no_way() -> None:
     problem = coarse_problem(scene(disc("on-goal", (20.0, 0.5), radius=2.0)))
     found = list(starts(problem, 4))
     assert {estimate for estimate, _ in found} == {0.0}
-    assert [start.travel_time for _, start in found] == [bow.travel_time for bow in bows(problem)]
+    assert [start.travel_time for _, start in found] == [arc.travel_time for arc in arcs(problem)]
 
 
 def test_coarse_delays_do_not_let_a_way_jump_through_a_row() -> None:

@@ -14,7 +14,7 @@ from programs import INFEASIBLE_PROGRAM, SEEDS, box, known_program, long_program
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.search.first_trips import bows
+from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import (
     QpSolver,
@@ -173,12 +173,12 @@ class _Recorder:
 
 @pytest.fixture(scope="module")
 def programs_of_the_loop(reference_scenarios: Path) -> list[QuadraticProgram]:
-    """Every third program of runs from two bows each."""
+    """Every third program of runs from two arcs each."""
     recorder = _Recorder()
     for name in ("crossing5-4", "headon-2", "crossing20-0"):
         scenario = Scenario.load(reference_scenarios / f"{name}.json")
         problem = build_problem(scenario, zones(scenario), Settings())
-        for start in list(bows(problem))[:2]:
+        for start in list(arcs(problem))[:2]:
             ScpLoop(problem, recorder).run(start, 15)
     assert len(recorder.programs) > 30
     return recorder.programs[::3]

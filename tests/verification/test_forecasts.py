@@ -9,7 +9,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.tracking.estimate import estimate_obstacle
-from verification.forecasts import foretold, system_of
+from verification.forecasts import predicted, system_of
 
 PROCESSES: list[dict[str, Any]] = [
     {"kind": "random_walk", "diffusion": 0.02},
@@ -27,7 +27,7 @@ def _model(process: dict[str, Any], tails: dict[str, Any] | None = None) -> dict
 def _agrees(obstacle: dict[str, Any]) -> None:
     """Centres and covariances are those of the package."""
     times = np.linspace(0.0, 6.0, 40)
-    found = foretold(obstacle, times)
+    found = predicted(obstacle, times)
     estimate = estimate_obstacle(sp.Obstacle(**obstacle))
     assert found.centres == pytest.approx(estimate.position(times), abs=1e-8)
     assert found.errors == pytest.approx(estimate.covariance(times), rel=1e-6, abs=1e-10)
@@ -75,6 +75,6 @@ def test_two_observations_of_a_known_speed_are_averaged() -> None:
     process = {"kind": "random_walk", "diffusion": 1e-12}
     seen = {"time": [-1.0, 0.0], "position": [[0.0, 0.0], [0.2, 0.0]], "covariance": [[0.04, 0.0], [0.0, 0.04]]}
     model = {"process": {**_model(process), "velocity_deviation": 1e-6}}
-    found = foretold({"id": "o", "shape": {"disc": 0.3}, "observations": seen, "model": model}, np.array([0.0, 2.0]))
+    found = predicted({"id": "o", "shape": {"disc": 0.3}, "observations": seen, "model": model}, np.array([0.0, 2.0]))
     assert found.centres == pytest.approx(np.array([[0.1, 0.0], [0.1, 0.0]]), abs=1e-6)
     assert found.errors == pytest.approx(np.array([0.02 * np.eye(2)] * 2), abs=1e-6)

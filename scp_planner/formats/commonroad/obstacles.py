@@ -25,13 +25,13 @@ RECORDED = RecordedObstacles()
 
 
 def obstacles_of(world: Any, step: float, name: str) -> list[dict[str, Any]]:
-    """Read all obstacles of a scenario of commonroad-io, but for phantoms of which nothing is foretold."""
+    """Read all obstacles of a scenario of commonroad-io, but for phantoms of which nothing is predicted."""
     seen = [each for each in world.obstacles if hasattr(each, "initial_state") or _is_somewhere(each)]
     return [obstacle_of(each, step, name) for each in seen]
 
 
 def _is_somewhere(obstacle: Any) -> bool:
-    """True if an obstacle without a state of its own stands, or is foretold."""
+    """True if an obstacle without a state of its own stands, or is predicted."""
     return _ground_of(obstacle) is not None or getattr(obstacle, "prediction", None) is not None
 
 

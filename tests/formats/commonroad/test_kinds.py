@@ -64,7 +64,7 @@ def test_sets_are_courses_of_their_middles() -> None:
     assert Polygon(found[0]["shape"]["polygon"]).equals(box(-2.0, -1.0, 2.0, 1.0))
 
 
-def test_buildings_stand_and_phantoms_are_where_they_are_foretold() -> None:
+def test_buildings_stand_and_phantoms_are_where_they_are_predicted() -> None:
     house = placed(box(10.0, 5.0, 14.0, 9.0))
     newer, older = SimpleNamespace(obstacle_id=1, occupancy=house), SimpleNamespace(obstacle_id=1, obstacle_shape=house)
     phantom = SimpleNamespace(obstacle_id=2, prediction=SimpleNamespace(occupancies={3: house}))

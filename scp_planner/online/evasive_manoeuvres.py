@@ -1,4 +1,4 @@
-"""Dodges: short trips in many directions, each at several speeds and ending in a stop, looked at all together."""
+"""Evasive manoeuvres: short trips in many directions, each at several speeds and ending in a stop, seen all at once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,16 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import COURSES, GRADUAL, GRADUAL_ASIDE, PROMPT_ASIDE, Bend, Courses, DodgeProfiles
 from scp_planner.online.foresight import foreseen, smaller
+from scp_planner.online.manoeuvre_courses import (
+    COURSES,
+    GRADUAL,
+    GRADUAL_ASIDE,
+    PROMPT_ASIDE,
+    Bend,
+    Courses,
+    ManoeuvreProfiles,
+)
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -25,16 +33,16 @@ from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
-class DodgeParameters:
-    samples: int = 48  # Samples of a dodge
+class ManoeuvreParameters:
+    samples: int = 48  # Samples of a manoeuvre
     # Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn
     path_pieces: tuple[int, ...] = (4, 8, 16)
     exact_within: float = 0.1  # Units of length. Distances to outlines beyond this need not be exact
-    together: int = 16_000  # Samples of dodges, times zones, whose distances are computed together
+    together: int = 16_000  # Samples of manoeuvres, times zones, whose distances are computed together
     path_degree: int = 3  # Of the splines of a path that turns
 
 
-DODGES = DodgeParameters()
+EVASIVE_MANOEUVRES = ManoeuvreParameters()
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
 
@@ -60,9 +68,9 @@ class Room:
             np.minimum(least, (self.each[some] - taken[some, None]).min(axis=0), out=least)
         return least
 
-    def nearest(self, dodge: int, sample: int) -> int:
-        """The nearest zone of one dodge at one sample, or `BORDER`, also where there is nothing."""
-        return int(self.zones[self.each[:, dodge, sample].argmin()]) if len(self.zones) else BORDER
+    def nearest(self, manoeuvre: int, sample: int) -> int:
+        """The nearest zone of one manoeuvre at one sample, or `BORDER`, also where there is nothing."""
+        return int(self.zones[self.each[:, manoeuvre, sample].argmin()]) if len(self.zones) else BORDER
 
 
 @dataclass(frozen=True)
@@ -76,16 +84,18 @@ WHOLE = Size()
 
 @dataclass(frozen=True)
 class Family:
-    """All of some courses driven by all of some profiles: K P dodges, the profiles of the first course first."""
+    """All of some courses driven by all of some profiles: K P manoeuvres, the profiles of the first course first."""
 
     courses: Courses  # In the planning frame
-    profiles: DodgeProfiles
+    profiles: ManoeuvreProfiles
     lead: Array  # (K, P) m
     length: Array  # (K, P) m
 
     @classmethod
-    def of(cls, courses: Courses, profiles: DodgeProfiles, limits: Limits, radius: float, turning_at: float) -> Family:
-        """Return the dodges of a vehicle."""
+    def of(
+        cls, courses: Courses, profiles: ManoeuvreProfiles, limits: Limits, radius: float, turning_at: float
+    ) -> Family:
+        """Return the manoeuvres of a vehicle."""
         fastest = profiles.fastest
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (COURSES.limit_share * limits.curvature),
@@ -97,7 +107,7 @@ class Family:
 
     @property
     def size(self) -> int:
-        """Number of dodges."""
+        """Number of manoeuvres."""
         return self.length.size
 
     def every(self, stride: int) -> Family:
@@ -130,20 +140,25 @@ class Family:
         return along.reshape(-1, self.size, len(times))
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
-        """Return a dodge as a trip, from the planning frame that they are in."""
+        """Return a manoeuvre as a trip, from the planning frame that they are in."""
         course, profile = divmod(number, len(self.profiles.stands))
         turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
         drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
         far = max(driven * (1.0 + 1e-6), 1e-2)
         guide: Guide = StraightGuide(far)
-        pieces = DODGES.path_pieces[0]
+        pieces = EVASIVE_MANOEUVRES.path_pieces[0]
         if turn != 0.0:
             wanted = 4.0 * far / (length * CELLS_PER_SPAN)
-            pieces = next((count for count in DODGES.path_pieces if count >= wanted), DODGES.path_pieces[-1])
+            pieces = next(
+                (count for count in EVASIVE_MANOEUVRES.path_pieces if count >= wanted),
+                EVASIVE_MANOEUVRES.path_pieces[-1],
+            )
             stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
             along = np.maximum(stations - self.lead[course, profile], 0.0)
             guide = CurvedGuide(far, turn * self.courses.bend.turned(along / length))
-        space = TripSpace(guide, drive.start_speed, DODGES.path_degree, pieces, drive.degree, drive.breakpoints)
+        space = TripSpace(
+            guide, drive.start_speed, EVASIVE_MANOEUVRES.path_degree, pieces, drive.degree, drive.breakpoints
+        )
         trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
         return Trip(
             PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
@@ -151,8 +166,8 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Dodges:
-    """C dodges of one or two families, looked at together."""
+class EvasiveManoeuvres:
+    """C manoeuvres of one or two families, looked at together."""
 
     families: tuple[Family, ...]
     wait: float  # For how long a vehicle is to stand at the end, s
@@ -164,14 +179,14 @@ class Dodges:
     def of(
         cls,
         heading: float | None,
-        profiles: DodgeProfiles,
+        profiles: ManoeuvreProfiles,
         limits: Limits,
         radius: float,
         wait: float,
         both_ways: bool,
         bend: Bend,
-    ) -> Dodges:
-        """Return the dodges of a vehicle."""
+    ) -> EvasiveManoeuvres:
+        """Return the manoeuvres of a vehicle."""
         families: tuple[Family, ...]
         if heading is None:
             late, turning_at = profiles.last(COURSES.bent_profiles), COURSES.bend_time * 2.0 * radius / limits.speed
@@ -184,22 +199,24 @@ class Dodges:
             over = GRADUAL_ASIDE if bend is GRADUAL else PROMPT_ASIDE
             made = [Courses.turning(each, bend) for each in ways], [Courses.moving_over(each, over) for each in ways]
             families = tuple(Family.of(each, profiles, limits, radius, 0.0) for each in chain(*made))
-        return cls.sampled(families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), DODGES.samples))
+        return cls.sampled(
+            families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), EVASIVE_MANOEUVRES.samples)
+        )
 
     @classmethod
-    def sampled(cls, families: tuple[Family, ...], wait: float, times: Array) -> Dodges:
-        """Return all dodges of families at times (J,), s from now."""
+    def sampled(cls, families: tuple[Family, ...], wait: float, times: Array) -> EvasiveManoeuvres:
+        """Return all manoeuvres of families at times (J,), s from now."""
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
 
-    def few(self, zones: int, samples: int) -> Dodges:
+    def few(self, zones: int, samples: int) -> EvasiveManoeuvres:
         """So few of them that a look at so many zones is one at so many samples, where there are too many."""
         most = max(samples // max(zones * len(self.times), 1), 1)
         stride = math.ceil(len(self.position) / most)
         if stride == 1:
             return self
-        return Dodges.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
+        return EvasiveManoeuvres.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
 
     @cached_property
     def until(self) -> Array:
@@ -207,12 +224,12 @@ class Dodges:
         return np.concatenate(stands) + self.wait
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
-        """Return a dodge as a trip, from the planning frame that they are in."""
+        """Return a manoeuvre as a trip, from the planning frame that they are in."""
         for family in self.families:
             if number < family.size:
                 return family.trip(number, frame)
             number -= family.size
-        raise IndexError(f"there is no dodge {number}")
+        raise IndexError(f"there is no manoeuvre {number}")
 
     def rooms(
         self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
@@ -230,7 +247,7 @@ class Dodges:
             for parts, outlined in zip(found, shaped, strict=True):
                 if len(others):
                     times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                    away = outlined.distances(times, points, DODGES.exact_within)
+                    away = outlined.distances(times, points, EVASIVE_MANOEUVRES.exact_within)
                     parts.append(away.T.reshape(-1, *self.heading.shape))
                 if len(border):
                     parts.append(box.room(place)[None])
@@ -279,12 +296,12 @@ class Dodges:
                 first += family.size
 
     def within_reach(self, batch: ZoneBatch, vehicle: Vehicle) -> Index:
-        """The zones, in the planning frame, that any dodge of a vehicle may come near to."""
+        """The zones, in the planning frame, that any manoeuvre of a vehicle may come near to."""
         if batch.size == 0:
             return np.zeros(0, dtype=np.intp)
         here = np.zeros((len(self.times), 2))
-        away = batch.distances(self.times, here, DODGES.exact_within)
-        longest = max(map(abs, vehicle.discs)) + DODGES.exact_within
+        away = batch.distances(self.times, here, EVASIVE_MANOEUVRES.exact_within)
+        longest = max(map(abs, vehicle.discs)) + EVASIVE_MANOEUVRES.exact_within
         reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
 
@@ -296,6 +313,6 @@ def _of_size(batch: ZoneBatch, size: Size) -> ZoneBatch:
 
 def in_parts(count: int, size: int) -> Iterator[slice]:
     """Slices of so many zones, each of so many samples, that are looked at together."""
-    together = max(DODGES.together // max(size, 1), 1)
+    together = max(EVASIVE_MANOEUVRES.together // max(size, 1), 1)
     for first in range(0, count, together):
         yield slice(first, min(first + together, count))

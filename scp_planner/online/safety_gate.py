@@ -35,7 +35,7 @@ from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
-class VettingParameters:
+class SafetyGateParameters:
     stops: int = 8  # Stops from a trip that are evaluated by samples
     commitment: float = 3.0  # Units of time: a stop may leave a trip so much later than at the next replan
     stops_tried: int = 2  # Stops from a trip that are certified, at most
@@ -46,8 +46,8 @@ class VettingParameters:
     deep: float = 0.1
 
 
-VETTING = VettingParameters()
-_SHARES = np.linspace(0.0, 1.0, VETTING.trip_samples)
+SAFETY_GATE = SafetyGateParameters()
+_SHARES = np.linspace(0.0, 1.0, SAFETY_GATE.trip_samples)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class _Tried:
         return self.refused or self.otherwise
 
 
-class Vetting:
+class SafetyGate:
     """Decides what may be driven."""
 
     def __init__(
@@ -294,7 +294,7 @@ class Vetting:
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
         earliest = driven + self.period
-        spans = spans_between(breaks, earliest - TIME, earliest + VETTING.commitment, VETTING.stops)
+        spans = spans_between(breaks, earliest - TIME, earliest + SAFETY_GATE.commitment, SAFETY_GATE.stops)
         if not len(spans):
             tried.otherwise = "the goal is nearer than the distance to stop in"
             return
@@ -308,12 +308,12 @@ class Vetting:
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
         tried.room = float(room.max())
         # The latest of those with plenty of room: it will do for the most replans.
-        order = np.lexsort((-spans, -np.minimum(room, VETTING.plenty)))
+        order = np.lexsort((-spans, -np.minimum(room, SAFETY_GATE.plenty)))
         if np.isneginf(tried.room):
             tried.otherwise = "the goal is nearer than the distance to stop in"
         else:
             tried.otherwise = "no stop from it keeps clear"
-        for index in order[: VETTING.stops_tried]:
+        for index in order[: SAFETY_GATE.stops_tried]:
             if room[index] >= 0.0:
                 yield int(spans[index])
 
@@ -344,7 +344,7 @@ class Vetting:
         if batch.size:
             driven = now.state.time - last.frame.time
             violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, 0.0).min())
-        if violation > VETTING.deep:
+        if violation > SAFETY_GATE.deep:
             return None
         found = self._stop(now, last, branch)
         if isinstance(found, Refusal):
@@ -395,7 +395,7 @@ class Vetting:
 
     def clear_for(self, now: Moment, stop: Stop) -> float:
         trip = stop.trip
-        times = np.linspace(now.state.time, stop.stands + self.wait, VETTING.trip_samples)
+        times = np.linspace(now.state.time, stop.stands + self.wait, SAFETY_GATE.trip_samples)
         grown = max(stop.stands, self.unseen_until(now)) - trip.frame.time
         batch = foreseen(now.batch_in(trip.frame), grown, {})
         away = batch.distances(times - trip.frame.time, trip.positions_at(times), 0.0)

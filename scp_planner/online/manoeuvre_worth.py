@@ -36,7 +36,7 @@ class WorthParameters:
     # Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a
     # small turn takes as much. Of who is slower: in proportion
     spare: float = 1.0 / 24.0
-    # Lengths of way that a length is worth by which a dodge shortens what can be driven at all: it ends in a dead end
+    # Lengths of way that a length is worth by which a manoeuvre shortens what can be driven: it ends in a dead end
     lost: float = 4.0
 
 

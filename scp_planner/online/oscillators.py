@@ -49,7 +49,7 @@ class WaveParameters:
 
 # Among obstacles that weave trips take 1.28 +- 0.16 times as long without these models, and 5.8 +- 4.0 points more of
 # the replans are unsafe (`benchmarks.online noticing`, weaving, seeds 500 to 510).
-WAVES = WaveParameters()
+OSCILLATORS = WaveParameters()
 STATES = 5
 _PAIRS = np.array(list(combinations_with_replacement(range(STATES), 2))).T
 """Rows and columns of the upper triangle."""
@@ -81,9 +81,11 @@ class Swings:
     @classmethod
     def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
         time = velocity_deviation / acceleration_deviation
-        jerk = WAVES.course_jerk * acceleration_deviation**2 / time
-        rates = 2.0 * np.pi / (time * np.array(WAVES.periods))
-        return cls(rates, WAVES.swing * velocity_deviation * time, jerk, velocity_deviation, acceleration_deviation)
+        jerk = OSCILLATORS.course_jerk * acceleration_deviation**2 / time
+        rates = 2.0 * np.pi / (time * np.array(OSCILLATORS.periods))
+        return cls(
+            rates, OSCILLATORS.swing * velocity_deviation * time, jerk, velocity_deviation, acceleration_deviation
+        )
 
     @cached_property
     def diffusions(self) -> Array:
@@ -92,7 +94,7 @@ class Swings:
 
     @cached_property
     def driving(self) -> Array:
-        swerves = 4.0 * WAVES.damping * self.rates**3 * self.deviation**2
+        swerves = 4.0 * OSCILLATORS.damping * self.rates**3 * self.deviation**2
         return np.stack([swerves, np.full(len(swerves), self.jerk)], axis=1)
 
     @cached_property
@@ -100,7 +102,7 @@ class Swings:
         """From states to the course and the swing, (M, 5, 5)."""
         matrix = np.tile(np.eye(STATES), (len(self.rates), 1, 1))
         matrix[:, 0, 3] = matrix[:, 1, 4] = -1.0
-        matrix[:, 2, 3], matrix[:, 2, 4] = self.rates**2, 2.0 * WAVES.damping * self.rates
+        matrix[:, 2, 3], matrix[:, 2, 4] = self.rates**2, 2.0 * OSCILLATORS.damping * self.rates
         return matrix
 
     @cached_property
@@ -128,11 +130,11 @@ class Swings:
     def moved(self, lags: Array) -> tuple[Array, Array]:
         """Transitions (L, M, 5, 5) over lags (L,), s, and the covariances (L, M, 5, 5) of the noise on the way."""
         t, rate = lags[:, None], self.rates
-        decay, damped = np.exp(-WAVES.damping * rate * t), np.sqrt(1.0 - WAVES.damping**2) * rate
+        decay, damped = np.exp(-OSCILLATORS.damping * rate * t), np.sqrt(1.0 - OSCILLATORS.damping**2) * rate
         cosine, sine = decay * np.cos(damped * t), decay * np.sin(damped * t) / damped
         swing = np.zeros((*cosine.shape, 2, 2))
-        swing[..., 0, 0], swing[..., 0, 1] = cosine + WAVES.damping * rate * sine, sine
-        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - WAVES.damping * rate * sine
+        swing[..., 0, 0], swing[..., 0, 1] = cosine + OSCILLATORS.damping * rate * sine, sine
+        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - OSCILLATORS.damping * rate * sine
         moved, noise = np.zeros((2, *cosine.shape, STATES, STATES))
         moved[..., range(3), range(3)] = 1.0
         moved[..., 0, 1] = moved[..., 1, 2] = t
@@ -148,7 +150,7 @@ class Swings:
     def steps(self, lags: Array) -> _Steps:
         kept = self._kept.get(lags.tobytes())
         if kept is None:
-            if len(self._kept) >= WAVES.kept_steps:
+            if len(self._kept) >= OSCILLATORS.kept_steps:
                 self._kept.clear()
             moved, noise = self.moved(lags)
             kept = _Steps(moved, _on_triangles(moved, _PAIRS), noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0))
@@ -190,7 +192,7 @@ class SwingStates(SlotStates):
 
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        lags, which = _distinct(np.rint(if_alike(lag) * WAVES.ticks) / WAVES.ticks, len(lag))
+        lags, which = _distinct(np.rint(if_alike(lag) * OSCILLATORS.ticks) / OSCILLATORS.ticks, len(lag))
         steps = self.swings.steps(lags)
         moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)

@@ -14,7 +14,7 @@ from scp_planner.tracking.recursive import SquareRoots
 
 
 @dataclass(frozen=True)
-class SuspicionParameters:
+class ChangeHypothesisParameters:
     # Ages of a change that are considered, in measurements
     onsets: tuple[int, ...] = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 24, 31)
     left_out: float = 0.1  # Share of what the level leaves open, that changes which are left out may have
@@ -32,11 +32,11 @@ class SuspicionParameters:
 
 # 12 observations after a change of 0.5 m/s^2 (`benchmarks.online answers`, 160 obstacles) 88 % of the regions hold a
 # second later, and 32 % without changes that are likely only; 15 after it 99 %, and 91 % without them after an alarm.
-SUSPICIONS = SuspicionParameters()
+CHANGE_HYPOTHESES = ChangeHypothesisParameters()
 
 
 @dataclass(frozen=True)
-class Sightings:
+class Measurements:
     """The newest looks at K obstacles."""
 
     times: Array  # (R, K) s, the newest last; -inf where there was none
@@ -44,12 +44,12 @@ class Sightings:
 
 
 @dataclass(frozen=True)
-class Suspicions:
+class ChangeHypotheses:
     probability: Array  # (K,)
     shift: Array  # (K, 3, 2)
     spread: Array  # (K, 3, 3)
 
-    def among(self, some: Index, count: int, least: float) -> Suspicions:
+    def among(self, some: Index, count: int, least: float) -> ChangeHypotheses:
         probability, shift, spread = np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3))
         likely = self.probability > least
         which = some[likely]
@@ -58,7 +58,7 @@ class Suspicions:
             self.shift[likely],
             self.spread[likely],
         )
-        return Suspicions(probability, shift, spread)
+        return ChangeHypotheses(probability, shift, spread)
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class Changes:
     @property
     def spoken_for(self) -> bool:
         """True if anything speaks for any of them."""
-        return bool((self.evidence > SUSPICIONS.speaks).any())
+        return bool((self.evidence > CHANGE_HYPOTHESES.speaks).any())
 
-    def suspicions(self, often: float) -> Suspicions:
-        weight = often * self.gap * np.exp(np.minimum(self.evidence, SUSPICIONS.most_evidence))
+    def change_hypotheses(self, often: float) -> ChangeHypotheses:
+        weight = often * self.gap * np.exp(np.minimum(self.evidence, CHANGE_HYPOTHESES.most_evidence))
         weight /= 1.0 + weight.sum(axis=1, keepdims=True)
-        return self._mixed(np.where(self.evidence > SUSPICIONS.speaks, weight, 0.0))
+        return self._mixed(np.where(self.evidence > CHANGE_HYPOTHESES.speaks, weight, 0.0))
 
-    def sure(self) -> Suspicions:
+    def sure(self) -> ChangeHypotheses:
         weight = self.gap * np.exp(self.evidence - self.evidence.max(axis=1, keepdims=True))
         return self._mixed(weight / weight.sum(axis=1, keepdims=True))
 
@@ -93,7 +93,7 @@ class Changes:
         mean = (self.gap * np.exp(self.evidence - most)).sum(axis=1) / self.gap.sum(axis=1)
         return np.asarray(np.log(mean) + most[:, 0])
 
-    def _mixed(self, weight: Array) -> Suspicions:
+    def _mixed(self, weight: Array) -> ChangeHypotheses:
         """The moments of the mixture with weights (K, H), and no change with the rest."""
         moved = self.course[..., None] * self.change[:, :, None]  # (K, H, 3, 2), in units of the noise
         mean = (weight[..., None, None] * moved).sum(axis=1)
@@ -104,12 +104,12 @@ class Changes:
         for side in (apart[..., 0], apart[..., 1]):
             spread += (side * weight[..., None]).transpose(0, 2, 1) @ side
         spread += (1.0 - changed)[:, None, None] * (mean @ mean.transpose(0, 2, 1))
-        return Suspicions(changed, mean @ self.root.transpose(0, 2, 1), spread)
+        return ChangeHypotheses(changed, mean @ self.root.transpose(0, 2, 1), spread)
 
 
-def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: float) -> Changes:
+def changes_of(roots: SquareRoots, looks: Measurements, noise: Array, deviation: float) -> Changes:
     """Judge how likely it is that polynomial motions have changed their accelerations."""
-    p, back = roots.factor.shape[1], [-1 - number for number in SUSPICIONS.onsets]
+    p, back = roots.factor.shape[1], [-1 - number for number in CHANGE_HYPOTHESES.onsets]
     inverse = np.linalg.inv(roots.factor)
     root = np.linalg.cholesky(noise)
     there = np.isfinite(looks.times.T)  # (K, R)
@@ -118,7 +118,7 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     offset = looks.positions.transpose(2, 1, 0) - roots.origin[:, None] - powers @ (inverse @ roots.right)
     residual = (np.linalg.inv(root)[:, None] @ offset[..., None])[..., 0]
     size = np.sqrt((residual * residual).sum(axis=-1))
-    residual *= np.where(there, SUSPICIONS.wild / np.maximum(size, SUSPICIONS.wild), 0.0)[..., None]
+    residual *= np.where(there, CHANGE_HYPOTHESES.wild / np.maximum(size, CHANGE_HYPOTHESES.wild), 0.0)[..., None]
 
     onset = clock[:, back]
     path = 0.5 * np.maximum(clock[:, None] - onset[:, :, None], 0.0) ** 2 * there[:, None]  # (K, H, R)
@@ -134,11 +134,11 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     gap = clock[:, [-1, *back[:-1]]] - onset
     gap *= there[:, back]
     evidence = 0.5 * (gradient * change).sum(axis=-1) + np.log(variance / prior)
-    evidence = np.where(gap > 0.0, evidence, -SUSPICIONS.most_evidence)
+    evidence = np.where(gap > 0.0, evidence, -CHANGE_HYPOTHESES.most_evidence)
     return Changes(gap, evidence, change, variance, course, np.asarray(root, dtype=float))
 
 
-def changed_motions(roots: SquareRoots, surely: Suspicions, noise: Array, start: float) -> Mixture:
+def changed_motions(roots: SquareRoots, surely: ChangeHypotheses, noise: Array, start: float) -> Mixture:
     """The motions of K obstacles that have surely changed their accelerations once, at a time, s."""
     inverse = np.linalg.inv(roots.factor)
     p, count = inverse.shape[1], len(inverse)

@@ -11,9 +11,9 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import shift_matrices
+from scp_planner.online.change_hypotheses import ChangeHypotheses, least_variances
 from scp_planner.online.many_zones import Future, Level, Sizing, length_rule, made_zones
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
-from scp_planner.online.suspicions import Suspicions, least_variances
 from scp_planner.online.track import TRACKS, ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
@@ -88,7 +88,7 @@ class PolynomialMotions:
         tracks: Sequence[ObstacleTrack],
         roots: SquareRoots,
         manoeuvre: float = 0.0,
-        suspicions: Suspicions | None = None,
+        change_hypotheses: ChangeHypotheses | None = None,
     ) -> PolynomialMotions:
         """Return motions of one order, as they are estimated."""
         middle = roots.center
@@ -100,9 +100,9 @@ class PolynomialMotions:
         if manoeuvre > 0.0:
             change = manoeuvre**2 / least_variances(sigma)
             spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, change)
-        if suspicions is not None and suspicions.probability.any():
-            spread = _padded(spread, 3) + suspicions.spread
-            coefficients = _padded(coefficients, 2) + suspicions.shift
+        if change_hypotheses is not None and change_hypotheses.probability.any():
+            spread = _padded(spread, 3) + change_hypotheses.spread
+            coefficients = _padded(coefficients, 2) + change_hypotheses.shift
         return cls(coefficients, spread, sigma[:, [0, 0, 1], [0, 1, 1]], roots.origin, first, last, middle)
 
     @property
@@ -205,18 +205,20 @@ def _summed(terms: Array) -> Array:
     return total
 
 
-class SettledTracks:
+class InitialisedTracks:
     def __init__(
         self,
         tracks: Sequence[ObstacleTrack],
         motions: PolynomialMotions,
-        suspicions: Suspicions | None,
+        change_hypotheses: ChangeHypotheses | None,
         banked: bool,
         sizes: RegionSizes | None,
     ) -> None:
         self.tracks, self._motions, self._banked = tracks, motions, banked
         self._sizing: Sizing | None = None
-        suspected = np.zeros(len(tracks), dtype=bool) if suspicions is None else suspicions.probability > 0.0
+        suspected = (
+            np.zeros(len(tracks), dtype=bool) if change_hypotheses is None else change_hypotheses.probability > 0.0
+        )
         otherwise = suspected.copy()
         if sizes is not None:
             believed = BELIEVED if banked else ALONE
@@ -229,7 +231,7 @@ class SettledTracks:
         zones = self._motions.zones(self.tracks, start, level, self._sizing)
         for track, zone, (suspect, other) in zip(self.tracks, zones, self._marks, strict=True):
             track.suspected, track.zone = suspect, zone if other or track.bounded else None
-            track.foretold.clear() if self._banked else track.keep_foretold()
+            track.predictions.clear() if self._banked else track.keep_prediction()
         return zones
 
 
@@ -237,4 +239,4 @@ class SettledTracks:
 class Learnt:
     tracks: SortedTracks
     level: Level
-    settled: Sequence[SettledTracks]
+    settled: Sequence[InitialisedTracks]

@@ -12,7 +12,7 @@ import scp_planner as sp
 from scp_planner.online.following import Following
 from scp_planner.online.reasons import worded
 from scp_planner.online.remaining import State
-from scp_planner.online.vetting import Moment, Refusal, Vetted, Vetting
+from scp_planner.online.safety_gate import Moment, Refusal, SafetyGate, Vetted
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -34,7 +34,7 @@ def vetted(*obstacles: dict[str, Any], stops_will_do: bool, acceleration: float 
     space = problem.space
     trajectory = Trajectory.of(space, np.zeros(space.path_size), np.full(space.acceleration_size, acceleration))
     state = State(0.0, (0.0, 0.0), 0.0, SPEED)
-    return Vetting(PERIOD, stops_will_do, Following(scenario.vehicle, 0.0)).vet(
+    return SafetyGate(PERIOD, stops_will_do, Following(scenario.vehicle, 0.0)).vet(
         Moment(state, scenario, zones), problem, trajectory
     )
 
@@ -97,7 +97,7 @@ def test_the_most_room_of_the_stops_is_that_of_one_that_is_sampled_densely(side:
     moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
     ends = SPEED * np.arange(PERIOD, PERIOD + 3.01, 0.5) + 0.5 * SPEED**2 / scenario.vehicle.max_deceleration
     rooms = [np.hypot(np.linspace(0.0, end, 2001) - 4.0, side).min() - 0.8 for end in ends]
-    found = Vetting(PERIOD, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip)
+    found = SafetyGate(PERIOD, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip)
     assert max(rooms) - 1e-9 <= found <= max(rooms) + 0.02
 
 
@@ -108,4 +108,4 @@ def test_there_is_no_room_where_the_trip_ends_before_a_stop() -> None:
     space = problem.space
     trip = Trip(problem.frame, Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size)))
     moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
-    assert Vetting(20.0, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip) == -np.inf
+    assert SafetyGate(20.0, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip) == -np.inf

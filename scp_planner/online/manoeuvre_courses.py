@@ -88,7 +88,7 @@ in a replan."""
 
 
 @dataclass(frozen=True)
-class DodgeDrive:
+class ManoeuvreDrive:
     start_speed: float  # m/s
     degree: int
     breakpoints: tuple[float, ...]
@@ -96,7 +96,7 @@ class DodgeDrive:
     lasts: float  # s
 
 
-class DodgeProfiles(Protocol):
+class ManoeuvreProfiles(Protocol):
     """P drives that end in a stop."""
 
     @property
@@ -118,7 +118,7 @@ class DodgeProfiles(Protocol):
         """Distances driven at times (J,), (P, J) m."""
         ...
 
-    def drive(self, number: int) -> DodgeDrive: ...
+    def drive(self, number: int) -> ManoeuvreDrive: ...
 
 
 def levels_and_cruises(limits: Limits, width: float) -> tuple[Array, Array]:
@@ -171,10 +171,10 @@ class Profiles:
     def way(self) -> Array:
         return self.driven[:, -1]
 
-    def drive(self, number: int) -> DodgeDrive:
+    def drive(self, number: int) -> ManoeuvreDrive:
         speeds, span = self.speed[number], float(self.span[number])
         breaks = tuple(np.linspace(0.0, 1.0, COURSES.spans + 1).tolist())
-        return DodgeDrive(float(speeds[0]), 0, breaks, np.diff(speeds) / span, COURSES.spans * span)
+        return ManoeuvreDrive(float(speeds[0]), 0, breaks, np.diff(speeds) / span, COURSES.spans * span)
 
     @cached_property
     def driven(self) -> Array:
@@ -336,10 +336,10 @@ class RampedProfiles:
         )
         return changing + braking
 
-    def drive(self, number: int) -> DodgeDrive:
+    def drive(self, number: int) -> ManoeuvreDrive:
         change, braking, whole = self.change, self.braking, float(self.lasts[number])
         begun = change.duration[number] + self.cruise[number]
         times = np.concatenate([change.knots[number], begun + braking.knots[number], [whole]])
         accelerations = np.concatenate([change.acceleration[number], braking.acceleration[number], [0.0]])
         breaks, beta = distinct_knots(times / whole, accelerations)
-        return DodgeDrive(float(change.start_speed[number]), 1, tuple(breaks.tolist()), beta, whole)
+        return ManoeuvreDrive(float(change.start_speed[number]), 1, tuple(breaks.tolist()), beta, whole)

@@ -10,13 +10,13 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import COURSES
-from scp_planner.online.dodge_worth import WORTH, a_moment, harm, nearness, value_at
-from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size
+from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, EvasiveManoeuvres, Room, Size
 from scp_planner.online.foresight import foreseen
+from scp_planner.online.manoeuvre_courses import COURSES
+from scp_planner.online.manoeuvre_worth import WORTH, a_moment, harm, nearness, value_at
 from scp_planner.online.means import Means
+from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.tolerances import LENGTH
-from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import WAY, way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario, Steering, Vehicle
@@ -35,7 +35,7 @@ class Driven:
 
 @dataclass(frozen=True)
 class Outlook:
-    least: Array  # (C, J) Clearances, m; inf after the dodge is over
+    least: Array  # (C, J) Clearances, m; inf after the manoeuvre is over
     room: Room  # From which zones
     clear: Array  # (C,)
     then: Array  # (C,) Way to the goal that is left at its end, m
@@ -43,8 +43,8 @@ class Outlook:
     lost: Array  # (C,) Share of the way that the vehicle could drive on which it cannot after it: it ends in a dead end
 
 
-class DodgeOutlooks:
-    """Looks at dodges among the zones of a moment."""
+class ManoeuvreOutlooks:
+    """Looks at manoeuvres among the zones of a moment."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -56,31 +56,33 @@ class DodgeOutlooks:
         lasts = WORTH.patience * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
-    def of(self, moment: Moment, dodges: Dodges, near: Index) -> Outlook:
-        """Return what is seen of dodges among the zones of a moment."""
+    def of(self, moment: Moment, manoeuvres: EvasiveManoeuvres, near: Index) -> Outlook:
+        """Return what is seen of manoeuvres among the zones of a moment."""
         vehicle = moment.scenario.vehicle
-        sizes, period = (WHOLE, Size(latest=self._growing)), self._means.vetting.period
-        room, judged = dodges.rooms(moment.batch, self.box(moment), vehicle, period, near, sizes)
-        seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room, judged)
+        sizes, period = (WHOLE, Size(latest=self._growing)), self._means.safety_gate.period
+        room, judged = manoeuvres.rooms(moment.batch, self.box(moment), vehicle, period, near, sizes)
+        seen = self.seen(
+            moment, Driven(manoeuvres.times, manoeuvres.position, manoeuvres.heading, manoeuvres.until), room, judged
+        )
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
-            return self._with_backing_out(moment, dodges, seen)
+            return self._with_backing_out(moment, manoeuvres, seen)
         return seen
 
-    def _with_backing_out(self, moment: Moment, dodges: Dodges, seen: Outlook) -> Outlook:
+    def _with_backing_out(self, moment: Moment, manoeuvres: EvasiveManoeuvres, seen: Outlook) -> Outlook:
         """Judge a stop of a vehicle that drives both ways as if it then left backwards, where that is better."""
-        vehicle, times = moment.scenario.vehicle, dodges.times
-        stands = float(dodges.families[0].profiles.stands[0])
+        vehicle, times = moment.scenario.vehicle, manoeuvres.times
+        stands = float(manoeuvres.families[0].profiles.stands[0])
         starting = vehicle.max_speed / vehicle.max_acceleration
         since = np.maximum(times - stands, 0.0)
         gone = 0.5 * vehicle.max_acceleration * np.minimum(since, starting) ** 2
         gone += vehicle.max_speed * np.maximum(since - starting, 0.0)
-        heading = dodges.heading[0]
-        place = dodges.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        grown = min(max(stands, self._means.vetting.period), self._growing)
+        heading = manoeuvres.heading[0]
+        place = manoeuvres.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        grown = min(max(stands, self._means.safety_gate.period), self._growing)
         away = foreseen(moment.batch, grown, {}).distances(times, place)
         room = self._room_of(moment, place, away)
         left = self.seen(moment, Driven(times, place[None], heading[None], times[-1:]), room, room)
-        stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
+        stops = np.arange(0, manoeuvres.families[0].size, len(manoeuvres.families[0].profiles.stands))
         worth = seen.worth.copy()
         worth[stops] = np.maximum(worth[stops], left.worth[0])
         return replace(seen, worth=worth)
@@ -91,12 +93,12 @@ class DodgeOutlooks:
         return Room(numbers, np.concatenate([away.T, self.box(moment).room(place)[None]])[:, None])
 
     def of_stop(self, moment: Moment, stop: Stop, times: Array) -> Outlook:
-        """Return what is seen of a stop that is being driven: as of one dodge."""
+        """Return what is seen of a stop that is being driven: as of one manoeuvre."""
         trip, begin = stop.trip, moment.state.time
         points, _ = trip.at(begin + times)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
         clock, zones = begin + times - trip.frame.time, moment.batch_in(trip.frame)
-        grown = max(stop.stands, self._means.vetting.unseen_until(moment))
+        grown = max(stop.stands, self._means.safety_gate.unseen_until(moment))
         sizes = (foreseen(zones, until - trip.frame.time, {}) for until in (grown, min(grown, begin + self._growing)))
         exact = WORTH.exact_widths * 2.0 * moment.scenario.vehicle.radius
         away = (batch.distances(clock, points.path.position, exact) for batch in sizes)
@@ -182,7 +184,7 @@ class DodgeOutlooks:
         return Box.of(moment.scenario, moment.frame, 0.0)
 
     def worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
-        """Return what speaks for a trip, as for dodges; foreseen zones, where it is not certified, speak against it."""
+        """Return what speaks for a trip, as for manoeuvres; foreseen zones speak against it if it is not certified."""
         vehicle, begin = moment.scenario.vehicle, moment.state.time
         width = 2.0 * vehicle.radius
         ahead = times[times <= (WORTH.outlook + 1.0) * a_moment(vehicle)]
@@ -193,7 +195,7 @@ class DodgeOutlooks:
         each = batch.distances(clock, place, width).T[:, None]
         room = Room(np.arange(len(each)), each)
         time = ahead / a_moment(vehicle)
-        # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
+        # All of its way leads to the goal, round what a manoeuvre would end at; who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
         gained = value_at(WORTH.gain_time, time, (driven + vehicle.max_speed * over)[None])
@@ -203,7 +205,7 @@ class DodgeOutlooks:
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 
     def tightest(self, moment: Moment) -> float:
-        """Return the radius of the tightest turn that dodges with a heading take, m; 0 where that is free."""
+        """Return the radius of the tightest turn that manoeuvres with a heading take, m; 0 where that is free."""
         vehicle = moment.scenario.vehicle
         turns = moment.state.heading is None or vehicle.steering in (Steering.ANY, Steering.ON_THE_SPOT)
         if turns or not vehicle.max_curvature:
@@ -236,7 +238,7 @@ def _within_box(standing: ZoneBatch, points: Array) -> Index:
 
 
 def until_over(near: Array, driven: Driven) -> Array:
-    """Return clearances up to the end of each dodge, which lies between two samples; inf after that."""
+    """Return clearances up to the end of each manoeuvre, which lies between two samples; inf after that."""
     times, until, near = driven.times, driven.until[:, None], np.minimum(near, 1e9)
     step = times[1] - times[0]
     share = np.clip((until - times) / step, 0.0, 1.0)[:, :-1]

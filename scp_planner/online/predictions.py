@@ -107,7 +107,7 @@ class Compared:
     covariance: Array  # (n, 3) m^2
 
 
-class Foretold:
+class Predictions:
     """Predictions of K obstacles, each in a slot of its own."""
 
     def __init__(self) -> None:
