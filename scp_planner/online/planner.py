@@ -259,7 +259,8 @@ class Planner(Changeable):
         state = reported()
         end = math.inf
         if deadline is not None:
-            end = began + deadline - self._online.reserve - min(self._overrun, REPLAN.most_kept_back * deadline)
+            overrun = min(self._overrun, REPLAN.most_kept_back * deadline)  # of which the reserve is a part
+            end = began + deadline - max(self._online.reserve, overrun)
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
             self._means.drop_passed(state, self._state, self._last)
