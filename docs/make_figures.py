@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import re
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import scp_planner as sp
 from benchmarks.maps import scene
@@ -31,6 +33,7 @@ def main() -> None:
     _photograph_viewer(plan, scenario)
     _draw_parking()
     _draw_map()
+    _draw_meetings()
     for name in ("demo", "space_time", "viewer"):
         shrink(FIGURES / f"{name}.png", FIGURES / f"{name}.png")
 
@@ -51,6 +54,20 @@ def _draw_map() -> None:
     assert made is not None
     sp.simulate(made[0]).draw(FIGURES / "maps.png")
     shrink(FIGURES / "maps.png", FIGURES / "maps.png")
+
+
+def _draw_meetings() -> None:
+    """Draw what the snippets of the how-to come to."""
+    told: dict[str, Any] = {}
+    for snippet in re.findall(
+        r"```python\n(.*?)```", (FIGURES.parent / "howto" / "meeting.md").read_text("utf-8"), re.S
+    ):
+        exec(snippet, told)
+    told["landed"].draw(FIGURES / "meeting_landing.png")
+    told["visited"].draw(FIGURES / "meeting_person.png")
+    told["cut_off"].draw(told["cutting_off"], FIGURES / "meeting_car.png")
+    for name in ("landing", "person", "car"):
+        shrink(FIGURES / f"meeting_{name}.png", FIGURES / f"meeting_{name}.png")
 
 
 def _photograph_viewer(plan: sp.Plan, scenario: sp.Scenario) -> None:
