@@ -145,11 +145,12 @@ class Decision:
             or (last is not None and means.safety_gate.is_on(now.moment, last.trip))
         ):
             return None
-        gentle = arrival.braking_to_it(state, means.braking)
-        stop = means.stop_straight_on(now, means.braking if there else gentle, NEAR)
-        x, y = stop.position(stop.arrival_time).tolist()
-        ends = there or arrival.is_there((x, y), front)
-        return stop if ends and stop.safe else None
+        trip = means.straight_stop(state, means.braking if there else arrival.braking_to_it(state, means.braking))
+        ((x, y),) = trip.frame.to_world(trip.positions_at(np.array([math.inf]))).tolist()
+        if not there and not arrival.is_there((x, y), front):
+            return None
+        stop = means.stopping(now, trip, NEAR)
+        return stop if stop.safe else None
 
     def _without_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Stop; where a route is missing, drive on by the last plan while that can be left for a stop."""
@@ -161,7 +162,7 @@ class Decision:
 
     def _stopped(self, now: Replan, reason: Reason) -> OnlinePlan:
         """Stop straight on, or where that stays clear."""
-        stop = self._means.stop_straight_on(now, self._means.braking, reason)
+        stop = self._means.stopping(now, self._means.straight_stop(now.moment.state, self._means.braking), reason)
         return stop if stop.safe else self._fallback.leave(now, reason) or stop
 
     def _anew(self, now: Replan, last: OnlinePlan | None, spare: OnlinePlan | None = None) -> OnlinePlan:
@@ -223,7 +224,7 @@ class Decision:
     def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
         """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
         if self._looks.is_due(now, kept):
-            other = self._looks.look(now, Renewal(self._means, now).loop, kept)
+            other = self._looks.look(now, Renewal(self._means, now), kept)
             if other is not None:
                 return self._means.plan_of(other, now, Outcome.IMPROVED)
         return self._means.plan_of(kept, now, Outcome.KEPT)
@@ -261,7 +262,7 @@ class Decision:
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
         """Look at other ways round, where that is due."""
         self._put_off = False
-        return self._looks.look(now, fresh.loop, None) if self._looks_now(now) else None
+        return self._looks.look(now, fresh, None) if self._looks_now(now) else None
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip."""

@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.verdict import Ends
-from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Evasion, Manoeuvre
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
@@ -181,8 +180,8 @@ class Fallback:
             # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
             if moment.state.acceleration is None or moment.state.time <= last.branch_time + TIME:
                 yield last.stop
+        yield self._means.straight_stop(moment.state, self._means.braking)
         if fresh.ahead is not None:
             along = self._means.braking.stop_now(fresh.ahead.path, moment.state)
             if fits(along):
                 yield Trip(fresh.problem.frame, along)
-        yield straight_stop(moment.state, self._means.braking, self._means.settings, self._means.breakpoints)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
-from scp_planner.online.means import REPLAN, Means, Replan
+from scp_planner.online.means import REPLAN, Means, Renewal, Replan
 from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.safety_gate import Vetted
@@ -123,9 +123,10 @@ class Looks:
             self._look_time *= LOOKS.time_decay
         return in_time
 
-    def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> Vetted | None:
+    def look(self, now: Replan, fresh: Renewal, best: Vetted | None) -> Vetted | None:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
-        began, problem, first = perf_counter(), loop.problem, now.aimless
+        began, loop, first = perf_counter(), fresh.loop, now.aimless
+        problem = loop.problem
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOKS.runs

@@ -298,12 +298,14 @@ class Means:
             for arc in arcs(problem):
                 yield Trip(problem.frame, arc)
 
-    def stop_straight_on(self, now: Replan, braking: Braking, reason: Reason) -> OnlinePlan:
-        """Return the plan to stop straight ahead from the reported state, or to stand there."""
-        moment, state = now.moment, now.moment.state
-        trip = straight_stop(state, braking, self.settings, self.breakpoints)
+    def straight_stop(self, state: State, braking: Braking) -> Trip:
+        """Return the stop straight ahead from a state, or standing there."""
+        return straight_stop(state, braking, self.settings, self.breakpoints)
+
+    def stopping(self, now: Replan, trip: Trip, reason: Reason) -> OnlinePlan:
+        """Return the plan to stop, or to stand."""
         stop = Stop(trip, trip.frame.time)
-        certificate = self.safety_gate.certify_stop(moment, stop, None)
+        certificate = self.safety_gate.certify_stop(now.moment, stop, None)
         self.consider(now, CandidateKind.STOP, trip, certificate)
         vetted = Vetted(trip, certificate, stop if certificate.holds else None)
         return self.plan_of(vetted, now, Outcome.BRAKING, reason=reason)
