@@ -102,7 +102,7 @@ class _Making:
         )
 
     def zone(self, cycle: Cycle, name: str, stamp: int) -> Any:
-        several = [record.zone() for record in cycle.zones if record.id == name]
+        several = [zone for zone in cycle.zones if zone.id == name]
         now = np.array([cycle.time])
         center: Array = several[0].center(now)[0]
         pieces = center + boundaries_of(several, now)[0]

@@ -76,7 +76,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
 
 
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
-    zones = [by_obstacle(record.zone() for record in each.zones) for each in run.records]
+    zones = [by_obstacle(each.zones) for each in run.records]
     radius, ground = run.scenario.vehicle.radius, ground_of(run.last_scenario)
     return tuple(
         record_outside(name, clearance_of(next(each[name] for each in zones if name in each), time, discs, radius))

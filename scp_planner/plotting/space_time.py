@@ -179,7 +179,7 @@ def _known_regions(run: Run, time: Array, points: Array, ahead: Array, far: floa
     for number in np.unique(cycle):
         now = np.flatnonzero(cycle == number)
         shape = (len(points), len(now))
-        for name, several in by_obstacle(record.zone() for record in run.records[number].zones).items():
+        for name, several in by_obstacle(run.records[number].zones).items():
             places, directions = (np.broadcast_to(each[:, None], (*shape, 2)) for each in (points, ahead))
             moments = np.broadcast_to(time[now], shape)
             clearance = _clearance(several, run.scenario.vehicle, moments, places, directions)

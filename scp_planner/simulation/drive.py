@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -17,28 +17,13 @@ from scp_planner.online.stops import STOPS
 from scp_planner.scenario.models import Observations, Obstacle, Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.simulation.cycle import Cycle, ZoneRecord
+from scp_planner.simulation.cycle import Cycle, State
 from scp_planner.simulation.run import STRANGER, Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
 from scp_planner.simulation.setup import Follower, SimulationSettings
 from scp_planner.simulation.stage import Stage
 from scp_planner.simulation.tolerances import INSTANT, NO_TIME, NOWHERE, TIME_DECIMALS
 from scp_planner.simulation.worlds import Script, World
-
-
-@dataclass(frozen=True)
-class _Before:
-    """State at the start of a cycle: time, place, measurements since the last one, zones."""
-
-    time: float
-    position: tuple[float, float]
-    heading: float
-    speed: float
-    heard: tuple[Observation, ...]
-    zones: tuple[ZoneRecord, ...]
-    truth: tuple[tuple[str, tuple[float, float]], ...]
-    begin: int
-    wall_time: float
 
 
 class Drive:
@@ -163,11 +148,13 @@ class Drive:
             began = perf_counter()
             speed = -stage.speed if self._backs_up(now) else stage.speed
             plan = self.planner.replan(now, stage.position, stage.heading, speed, deadline=self.chosen.deadline)
-            before = self._before(now, heard, perf_counter() - began)
+            x, y = stage.position.tolist()
+            state = State(now, (x, y), stage.heading, speed, perf_counter() - began)
+            cycle, begin = self._written_down(state, plan, heard), len(stage.times) - 1
             plans.append(plan)
             following = start + len(plans) * self.period
             arrived = plan.arrived or self._drive(plan, now, following)
-            records.append(self._record(before, plan))
+            records.append(replace(cycle, clearance=float(stage.clearances(begin).min(initial=np.inf))))
             now = following
             if progress is not None:
                 progress(stage.times[-1] - start)
@@ -240,37 +227,10 @@ class Drive:
 
     # what is written down
 
-    def _before(self, now: float, heard: list[Observation], wall_time: float) -> _Before:
-        stage = self.stage
-        x, y = stage.position.tolist()
-        truth = tuple((name, (float(place[0]), float(place[1]))) for name, place in stage.centers.items())
-        zones = tuple(ZoneRecord.of(zone) for zone in self.planner.zones)
-        begin = len(stage.times) - 1
-        speed = -stage.speed if self._backs_up(now) else stage.speed
-        return _Before(now, (x, y), stage.heading, speed, tuple(heard), zones, truth, begin, wall_time)
-
-    def _record(self, before: _Before, plan: OnlinePlan) -> Cycle:
-        return Cycle(
-            time=before.time,
-            position=before.position,
-            heading=before.heading,
-            speed=before.speed,
-            outcome=str(plan.outcome),
-            status=str(plan.status),
-            certified=plan.certified,
-            safe=plan.safe,
-            reason=plan.reason or "",
-            code=str(plan.code),
-            obstacle=plan.obstacle,
-            lasts=plan.lasts,
-            arrival_time=plan.arrival_time,
-            iterations=plan.iterations,
-            observations=before.heard,
-            zones=before.zones,
-            truth=before.truth,
-            clearance=float(self.stage.clearances(before.begin).min(initial=np.inf)),
-            wall_time=before.wall_time,
-        )
+    def _written_down(self, state: State, plan: OnlinePlan, heard: list[Observation]) -> Cycle:
+        places = self.stage.centers.items()
+        truth = tuple((name, (float(place[0]), float(place[1]))) for name, place in places)
+        return Cycle.of(state, plan, tuple(heard), self.planner.zones, truth)
 
     def _finished(self, arrived: bool, records: list[Cycle], plans: list[OnlinePlan]) -> Run:
         stage = self.stage

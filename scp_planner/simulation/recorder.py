@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +16,7 @@ from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.underway import Underway
 from scp_planner.scenario.units import changed
-from scp_planner.simulation.cycle import Cycle, ZoneRecord, record_from_dict, record_to_dict
+from scp_planner.simulation.cycle import Cycle, State, record_from_dict, record_to_dict
 from scp_planner.simulation.run import Run, plan_from_dict, plan_to_dict, shape_from_dict
 from scp_planner.simulation.sensors import Observation
 
@@ -27,17 +26,6 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.zone import ThreatZone
 
 RECORDING_SUFFIX = ".jsonl"
-
-
-@dataclass(frozen=True)
-class State:
-    """State of the vehicle at a replan."""
-
-    time: float  # s
-    position: tuple[float, float]  # m
-    heading: float  # rad
-    speed: float  # m/s
-    wall_time: float  # s
 
 
 class Recorder:
@@ -116,26 +104,7 @@ class Recorder:
     def _write_replan(
         self, state: State, seen: tuple[Observation, ...], zones: tuple[ThreatZone, ...], plan: OnlinePlan
     ) -> None:
-        cycle = Cycle(
-            time=state.time,
-            position=state.position,
-            heading=state.heading,
-            speed=state.speed,
-            outcome=str(plan.outcome),
-            status=str(plan.status),
-            certified=plan.certified,
-            safe=plan.safe,
-            reason=plan.reason or "",
-            code=str(plan.code),
-            obstacle=plan.obstacle,
-            lasts=plan.lasts,
-            arrival_time=plan.arrival_time,
-            iterations=plan.iterations,
-            observations=seen,
-            zones=tuple(ZoneRecord.of(zone) for zone in zones),
-            truth=(),
-            clearance=np.inf,
-        )
+        cycle = Cycle.of(state, plan, seen, zones)
         told = {"cycle": record_to_dict(cycle), "plan": plan_to_dict(plan), "arrived": plan.arrived}
         self._write({**told, "wall_time": state.wall_time, "timings": plan.timings})
 

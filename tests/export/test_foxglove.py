@@ -39,7 +39,7 @@ def test_scenes_hold_what_was_planned(tmp_path: Path) -> None:
     assert first["ship"].texts[0].text == "ship"
     assert first["vehicle"].frame_id == "base_link" and first["vehicle"].cylinders[0].size.x == pytest.approx(0.6)
     outline = first["ship"].lines[0].points
-    zone = next(each for each in run.records[0].zones if each.id == "ship").zone()
+    zone = next(each for each in run.records[0].zones if each.id == "ship")
     for point in outline:
         assert float(zone.signed_distance(run.records[0].time, (point.x, point.y))) == pytest.approx(0.0, abs=1e-6)
     for place, record, line in zip(places, run.records, told, strict=True):

@@ -135,7 +135,7 @@ def test_a_recording_is_replanned(bag: Path) -> None:
     assert run.plans[0].position(run.plans[0].arrival_time) == pytest.approx((10.0, 0.0), abs=0.5)
     for plan, record in zip(run.plans, run.records, strict=True):
         assert plan.position(record.time) == pytest.approx(record.position, abs=1e-3)
-        (zone,) = [each.zone() for each in record.zones]
+        (zone,) = record.zones
         assert zone.center(record.time)[1] == pytest.approx(-3.0 + 0.8 * (record.time - 1.7e9), abs=0.1)
 
 

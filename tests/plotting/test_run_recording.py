@@ -56,7 +56,7 @@ def test_each_time_shows_the_plan_of_its_cycle(run: Run, recording: Recording) -
 def test_each_time_shows_the_zones_of_its_cycle(run: Run, recording: Recording) -> None:
     for obstacle in recording.obstacles:
         for i, time in enumerate(recording.time):
-            known = {zone.id: zone for zone in run.records[recording.path_index[i]].zones}[obstacle.id].zone()
+            known = {zone.id: zone for zone in run.records[recording.path_index[i]].zones}[obstacle.id]
             assert obstacle.center[i] == pytest.approx(known.center(time), abs=1e-12)
             (outline,) = obstacle.zone_at(i)
             assert np.abs(known.signed_distance(np.full(len(outline), time), outline)).max() < 1e-6
@@ -85,7 +85,7 @@ def test_zones_keep_their_shapes(tmp_path: Path) -> None:
     recording = record_run(run, frames_per_second=2.0)
     last = len(recording.time) - 1
     for obstacle in recording.obstacles:
-        zone = next(zone for zone in run.records[-1].zones if zone.id == obstacle.id).zone()
+        zone = next(zone for zone in run.records[-1].zones if zone.id == obstacle.id)
         drawn = obstacle.zone_at(last)
         if obstacle.id == "pocket":
             assert len(drawn) == len(zone.outlines) > 1
