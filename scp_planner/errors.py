@@ -91,7 +91,7 @@ class ScpPlannerError(Exception):
     """Base of every exception raised on purpose by this package."""
 
 
-class _FaultyInputError(ScpPlannerError, ValueError):
+class FaultyInputError(ScpPlannerError, ValueError):
     """An input with all that is wrong with it."""
 
     def __init__(self, source: str, faults: Iterable[Fault]) -> None:
@@ -105,27 +105,27 @@ class _FaultyInputError(ScpPlannerError, ValueError):
         return "\n".join([f"{self.source}: {count}", *(f"  {line}" for line in _told_once(self.faults))])
 
 
-class ScenarioError(_FaultyInputError):
+class ScenarioError(FaultyInputError):
     """A scenario is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
 
 
-class PlanError(_FaultyInputError):
+class PlanError(FaultyInputError):
     """A plan file is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
 
 
-class SamplesError(_FaultyInputError):
+class SamplesError(FaultyInputError):
     """Samples of a trip are refused. `faults` names every row and column, `source` the file's name."""
 
 
-class MotionModelError(_FaultyInputError):
+class MotionModelError(FaultyInputError):
     """A file of a fitted motion model is refused."""
 
 
-class TracksError(_FaultyInputError):
+class TracksError(FaultyInputError):
     """Recorded tracks are refused."""
 
 
-class SettingsError(_FaultyInputError):
+class SettingsError(FaultyInputError):
     """Settings are refused."""
 
 

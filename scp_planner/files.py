@@ -12,13 +12,14 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from scp_planner.errors import Fault, ScenarioError
+from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError
 
 if TYPE_CHECKING:
     import yaml
@@ -102,13 +103,28 @@ def write_text(path: str | PathLike[str], text: str) -> None:
         os.fsync(file.fileno())
 
 
-def write_rows(path: str | PathLike[str], columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a CSV file as a whole or not at all; floats keep every bit."""
+def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any:
+    """Read a JSON file; one that is none is refused by an error of the kind that is given."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also bytes that are no text, and numbers of thousands of digits
+        raise refused(str(path), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+
+
+def write_rows(path: str | PathLike[str], kind: type, rows: Iterable[Any], without: Sequence[str] = ()) -> None:
+    """Write dataclasses of a kind, without some of its fields, as CSV, whole or not at all; floats keep every bit."""
+    columns = [field.name for field in fields(kind) if field.name not in without]
     text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows([columns, *([getattr(row, c) for c in columns] for row in rows)])
     write_text(path, text.getvalue())
+
+
+def check_suffix(path: str | PathLike[str], suffixes: Sequence[str]) -> str:
+    """Give the suffix of a file to write, in lower case, with its dot."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in suffixes:
+        raise ValueError(f"{path}: must end in one of {', '.join(suffixes)}")
+    return suffix
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -302,5 +302,4 @@ def trial_record(trial: Trial) -> dict[str, str | int | float | bool]:
 
 def save_trials(trials: Sequence[Trial], path: str | PathLike[str]) -> None:
     """Write the trials as CSV, one row each, without the curves."""
-    records = [trial_record(trial) for trial in trials]
-    write_rows(path, list(records[0]) if records else [], records)
+    write_rows(path, Trial, trials, without=["curve"])

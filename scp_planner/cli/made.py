@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 from functools import cache
 from pathlib import Path
@@ -26,8 +25,8 @@ from scp_planner.cli.options import (
     load_scenario,
 )
 from scp_planner.cli.output import report, start_logging, tabulate, tell
-from scp_planner.errors import MISSING, Fault, PlanError
-from scp_planner.files import JSON_SUFFIX, text_table
+from scp_planner.errors import PlanError
+from scp_planner.files import JSON_SUFFIX, read_json, text_table
 
 if TYPE_CHECKING:
     from scp_planner.certificate.verdict import Certificate
@@ -101,10 +100,7 @@ def _plan_or_samples(file: Path) -> Plan | SampledTrajectory:
 
     if file.suffix.lower() != JSON_SUFFIX:
         return SampledTrajectory.load(file)
-    try:
-        data = json.loads(file.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise PlanError(str(file), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+    data = read_json(file, PlanError)
     return Plan.load(file) if isinstance(data, dict) and PLAN_KEY in data else SampledTrajectory.load(file)
 
 
@@ -212,8 +208,5 @@ def _plan_or_run(source: Path) -> Plan | Run:
     from scp_planner.planning.plan import Plan
     from scp_planner.simulation.run import Run
 
-    try:
-        data = json.loads(source.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise PlanError(str(source), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+    data = read_json(source, PlanError)
     return Run.load(source) if isinstance(data, dict) and "course" in data else Plan.load(source)

@@ -6,14 +6,13 @@ import csv
 from collections.abc import Mapping
 from io import StringIO
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.files import replacing, write_text
+from scp_planner.files import check_suffix, replacing, write_text
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -137,10 +136,7 @@ def save_table(table: Mapping[str, NDArray[Any]], path: str | PathLike[str]) -> 
     ValueError
         If the suffix is another one.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in TABLE_SUFFIXES:
-        raise ValueError(f"{path}: must end in one of {', '.join(TABLE_SUFFIXES)}")
-    if suffix == ".csv":
+    if check_suffix(path, TABLE_SUFFIXES) == ".csv":
         text = StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(table)

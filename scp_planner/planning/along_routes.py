@@ -12,6 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.attempts import Attempt
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
@@ -182,7 +183,7 @@ def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     at = np.linspace(0.0, along[-1], max(2, round(along[-1] / ALONG.looks)) + 1)
-    places = np.stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)], axis=1)
+    places = points_at(at, along, points)
     if guide.straight:
         least = cos(ALONG.steepest) * (at[1] - at[0])
         return bool(np.abs(places[:, 1]).max() <= largest and np.diff(places[:, 0]).min() >= least)

@@ -14,6 +14,7 @@ from scp_planner.certificate.check import certify
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.pauses import Steps, all_at_once
 from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus
@@ -144,7 +145,7 @@ class CorridorSearch:
         steps = np.hypot(*np.diff(line, axis=0).T)
         along = np.concatenate([[0.0], np.cumsum(steps)])
         at = np.arange(0.0, along[-1], self.scenario.vehicle.radius)
-        places = np.stack([np.interp(at, along, line[:, axis]) for axis in (0, 1)], axis=1)
+        places = points_at(at, along, line)
         held = np.zeros(len(places), dtype=bool)
         for piece in self.grown:
             edges = np.roll(piece, -1, axis=0) - piece

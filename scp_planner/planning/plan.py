@@ -9,7 +9,6 @@ from enum import StrEnum
 from functools import cached_property
 from math import inf
 from os import PathLike
-from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -18,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
-from scp_planner.errors import MISSING, Fault, PlanError
-from scp_planner.files import write_text
+from scp_planner.errors import Fault, PlanError
+from scp_planner.files import read_json, write_text
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan_file import clearance_written, read_fields
 from scp_planner.planning.plan_samples import Within, check_samples
@@ -391,10 +390,7 @@ class Plan:
             acceleration, to 1e-6 of the path's length, the travel time and the largest value of each quantity.
         """
         name = str(path)
-        try:
-            data = json.loads(FilePath(path).read_text(encoding="utf-8"))
-        except (ValueError, RecursionError) as error:  # also a whole number of thousands of digits
-            raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+        data = read_json(path, PlanError)
         if not isinstance(data, dict):
             raise PlanError(name, [Fault("", data, "expected a JSON object")])
         return cls.from_dict(data, name)

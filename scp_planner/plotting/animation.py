@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.files import replacing
+from scp_planner.files import check_suffix, replacing
 from scp_planner.plotting.maps import (
     NAMED,
     border_of,
@@ -27,7 +27,7 @@ from scp_planner.plotting.maps import (
 )
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, frame_count, record_plan
-from scp_planner.plotting.style import COLOURS, FAINT, INK, LABEL, check_suffix, colour_of, halo, settle, style
+from scp_planner.plotting.style import COLOURS, FAINT, INK, LABEL, colour_of, halo, settle, style
 from scp_planner.settings.pictures import FILM_SUFFIXES
 from scp_planner.trips.trip import discs_at
 

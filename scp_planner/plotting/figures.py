@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.files import check_suffix
 from scp_planner.plotting.drawn import map_extent
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import DPI, check_suffix, finish, style
+from scp_planner.plotting.style import DPI, finish, style
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:

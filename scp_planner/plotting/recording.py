@@ -15,6 +15,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.plotting.borders import body_of, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
@@ -223,7 +224,7 @@ def record_course(scenario: Scenario, times: int) -> Recording:
     """Sample a scenario as if the vehicle drove along the guide at top speed: all obstacles count as near to it."""
     start, goal = scenario.start, scenario.goal
     line = np.array(scenario.guide or (start.position, goal.position))
-    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    run = lengths_along(line)
     along = np.linspace(0.0, run[-1], times)
     position = points_at(along, run, line)
     heading = np.arctan2(*np.gradient(position, axis=0).T[::-1])
@@ -257,11 +258,6 @@ def _record_obstacles(
     ]
     grounds = [name for name in ground_of(scenario) if name in clearances]  # the cells of a map are no zone
     return (*bodies, *(record_outside(name, clearances[name]) for name in grounds))
-
-
-def points_at(time: Array, known: Array, points: Array, beyond: float | None = None) -> Array:
-    """Points (m, 2) between known times; NaN where one of the neighbours is."""
-    return np.stack([np.interp(time, known, each, left=beyond, right=beyond) for each in points.T], axis=-1)
 
 
 def ground_of(scenario: Scenario) -> tuple[str, ...]:

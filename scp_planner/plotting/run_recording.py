@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.plotting.borders import body_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
@@ -17,7 +18,6 @@ from scp_planner.plotting.recording import (
     clearance_of,
     frame_count,
     ground_of,
-    points_at,
     profiles_of,
     record_outside,
     scene_of,

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.files import check_suffix
+from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.plotting.ground import SLOW_LOOK
-from scp_planner.plotting.recording import ground_of, points_at
+from scp_planner.plotting.recording import ground_of
 from scp_planner.plotting.run_recording import names_of
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
@@ -23,7 +25,6 @@ from scp_planner.plotting.style import (
     INK,
     LABEL,
     SLOW_TEXT,
-    check_suffix,
     colour_of,
     finish,
     halo,
@@ -143,7 +144,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
 
     if path is not None:
         check_suffix(path, FIGURE_SUFFIXES)
-    driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.position, axis=0), axis=1))])
+    driven = lengths_along(run.position)
     time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
     points = points_at(stations, driven, run.position)
     ahead = _unit(np.interp(stations, driven, np.unwrap(run.heading)))

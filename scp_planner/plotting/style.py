@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scp_planner.files import replacing
+from scp_planner.files import check_suffix, replacing
 from scp_planner.plotting.scales import Unit
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
@@ -84,14 +83,6 @@ def halo() -> list[Any]:
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=2.0, foreground="white")]
-
-
-def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
-    """Give the suffix of a file to write, in lower case, with its dot."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in suffixes:
-        raise ValueError(f"{path}: must end in one of {', '.join(suffixes)}")
-    return suffix
 
 
 def settle(figure: Figure) -> None:

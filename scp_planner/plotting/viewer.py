@@ -7,13 +7,12 @@ import math
 from html import escape
 from importlib.resources import files
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.files import write_text
+from scp_planner.files import check_suffix, write_text
 from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.ground import slow_boxes
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
@@ -63,8 +62,7 @@ def save_recording(recording: Recording, path: str | PathLike[str]) -> None:
     ValueError
         If the suffix is another one.
     """
-    if Path(path).suffix.lower() not in PAGE_SUFFIXES:
-        raise ValueError(f"{path}: must end in one of {', '.join(PAGE_SUFFIXES)}")
+    check_suffix(path, PAGE_SUFFIXES)
     write_text(path, to_html(recording))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from scp_planner.files import check_suffix
 from scp_planner.plotting.animation import animate, animate_plan
 from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
-from scp_planner.plotting.style import check_suffix
 from scp_planner.plotting.viewer import save_recording, save_viewer
 from scp_planner.settings.knobs import word_of
 from scp_planner.settings.pictures import FILM_SUFFIXES, PAGE_SUFFIXES, PICTURE_SUFFIXES, View

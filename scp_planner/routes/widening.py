@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.mathematics.taut import ConvexPolygons
 from scp_planner.scenario.limits import Box
 
@@ -68,7 +69,7 @@ def _resampled(points: Array, count: int) -> Array:
     """Points at equal distances along a polyline, one more than ``count``."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     places = np.linspace(0.0, along[-1], count + 1)
-    return np.stack([np.interp(places, along, points[:, axis]) for axis in (0, 1)], axis=1)
+    return points_at(places, along, points)
 
 
 def _room(points: Array, normals: Array, polygons: ConvexPolygons, box: Box, radius: float) -> tuple[Array, Array]:

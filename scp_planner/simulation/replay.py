@@ -13,6 +13,7 @@ import numpy as np
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.formats.message_types import KINDS, typestore
 from scp_planner.formats.tracked_objects import Unknowns, seconds, tracked_objects, yaw_of
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.online.planner import Planner
 from scp_planner.scenario.models import Goal, Scenario, Start, Vehicle
 from scp_planner.settings.online import OnlineSettings
@@ -123,8 +124,7 @@ def replay(
             index = int(np.searchsorted(time, now, "right")) - 1
             _, _, heading, speed = driven[index]
             speed = speed if planner.backs_up else abs(speed)
-            there = [np.interp(now, time, position[:, axis]) for axis in (0, 1)]
-            planner.replan(now, there, heading, speed, deadline=deadline)
+            planner.replan(now, points_at(now, time, position), heading, speed, deadline=deadline)
     return recorder.run()
 
 

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
-from scp_planner.files import write_text
+from scp_planner.files import read_json, write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.reasons import ReasonCode
 from scp_planner.outputs import output_named, picture_or_text
@@ -172,8 +171,8 @@ class Run:
         if name.lower().endswith(".jsonl"):
             found: Self = output_named("run recorded")(path)
             return found
+        data = read_json(path, PlanError)
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
             course = data["course"]
             return cls(
                 scenario=Scenario.model_validate(data["scenario"]),
@@ -196,8 +195,6 @@ class Run:
                 shapes={key: shape_from_dict(shape) for key, shape in data["shapes"].items()},
                 changes=tuple(map(Underway.model_validate, data.get("changes", ()))),
             )
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
         except (KeyError, TypeError, IndexError) as error:
             raise PlanError(name, [Fault("", MISSING, f"not a run file: {error!r}")]) from None
 

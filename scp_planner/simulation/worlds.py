@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import Futures, KnownMotion, Motion
 from scp_planner.threat_zones.of_scenario import motion_polynomials
@@ -74,10 +75,7 @@ def track_course(track: Track) -> Course:
     def course(times: Array) -> Array:
         if len(times) == 1 and not first <= times[0] <= last:
             return np.full((1, 2), np.nan)  # most of a long recording
-        return np.stack(
-            [np.interp(times, track.times, track.positions[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)],
-            axis=-1,
-        )
+        return points_at(times, track.times, track.positions, np.nan)
 
     return course
 

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -19,7 +19,17 @@ from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
 from scp_planner.files import regular_target, write_rows
-from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Replication, Study, ZoneKind, border
+from scp_planner.studies.field import (
+    METRICS,
+    BorderPoint,
+    ConsistencySettings,
+    Metric,
+    Record,
+    Replication,
+    Study,
+    ZoneKind,
+    border,
+)
 
 RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
 OTHER_WAY = "other_way"
@@ -314,17 +324,10 @@ class ConsistencyResult:
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write means, slopes and the border of the domain as CSV; return the files."""
-        written = []
-        tables: tuple[tuple[str, Sequence[Any]], ...] = (
-            (SUMMARY, self.means),
-            (SLOPES, self.slopes),
-            (BORDER, border()),
-        )
-        for name, rows in tables:
-            path = Path(folder) / name
-            records = [asdict(row) for row in rows]
-            write_rows(path, list(records[0]) if records else [], records)
-            written.append(path)
+        written = [Path(folder) / name for name in (SUMMARY, SLOPES, BORDER)]
+        tables: tuple[Sequence[Any], ...] = (self.means, self.slopes, border())
+        for path, kind, rows in zip(written, (Mean, Slope, BorderPoint), tables, strict=True):
+            write_rows(path, kind, rows)
         return written
 
     def table(self) -> str:

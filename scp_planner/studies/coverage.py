@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -192,7 +192,7 @@ def _coverage(case: _Case, level: str, lead: float, inside: int, runs: int, scal
 
 def save_csv(results: Sequence[Coverage], path: str | PathLike[str]) -> None:
     """Write results as CSV, whole or not at all; floats keep every bit."""
-    write_rows(path, [field.name for field in fields(Coverage)], map(asdict, results))
+    write_rows(path, Coverage, results)
 
 
 def summary(results: Sequence[Coverage]) -> str:

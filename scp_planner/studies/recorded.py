@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
@@ -226,7 +226,7 @@ def _measured(data: str, probability: float, fold: int, samples: Sequence[_Sampl
 
 def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> None:
     """Write results as CSV, whole or not at all; floats keep every bit."""
-    write_rows(path, [field.name for field in fields(RecordedCoverage)], map(asdict, results))
+    write_rows(path, RecordedCoverage, results)
 
 
 def summary(results: Sequence[RecordedCoverage]) -> str:

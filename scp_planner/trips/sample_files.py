@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
@@ -14,6 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, SamplesError
+from scp_planner.files import read_json
 from scp_planner.trips.sample_checks import MOST_FAULTS, check_columns
 
 SAMPLE_SUFFIXES = (".csv", ".npz", ".json")
@@ -43,7 +43,7 @@ def read_columns(path: str | PathLike[str]) -> dict[str, Array]:
         case ".npz":
             return _joined(source, _of_npz(source), lambda column, row: f"{column}[{row}]")
         case ".json":
-            return of_json(source, _parsed(source, Path(path)))
+            return of_json(source, read_json(path, SamplesError))
         case _:
             text = f"must end in one of {', '.join(SAMPLE_SUFFIXES)}"
             raise SamplesError(source, [Fault("file name", Path(path).name, text)])
@@ -70,13 +70,6 @@ def of_json(source: str, data: Any) -> dict[str, Array]:
     if wrong:
         raise SamplesError(source, wrong)
     return _joined(source, columns, lambda column, row: f"{column}[{row}]")
-
-
-def _parsed(source: str, path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise SamplesError(source, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
 
 
 def _columns_of_rows(source: str, rows: list[Any]) -> dict[str, list[Any]]:

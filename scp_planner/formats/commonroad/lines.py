@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.formats.commonroad.roads import ROADS, Point, lengths_along, spaced
+from scp_planner.formats.commonroad.roads import ROADS, Point, spaced
+from scp_planner.mathematics.polylines import lengths_along
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.polylines import lengths_along, points_at
 
 Point = tuple[float, float]
 
@@ -150,7 +151,7 @@ def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
         high = first + share * (k + 1.0 - (ROADS.change_margin if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
         count = max(2, math.ceil((high - low) * stations[-1] / ROADS.guide_step) + 1)
-        points += list(_at(line, stations, np.linspace(low, high, count) * stations[-1]))
+        points += list(points_at(np.linspace(low, high, count) * stations[-1], stations, line))
     return points
 
 
@@ -158,7 +159,7 @@ def _station(lane: Any, point: Sequence[float]) -> float:
     """Part of a lane's length at which a point lies beside it."""
     line, stations = _measured(lane)
     fine = np.linspace(0.0, stations[-1], 400)
-    nearest = int(np.linalg.norm(_at(line, stations, fine) - np.asarray(point, dtype=float), axis=1).argmin())
+    nearest = int(np.linalg.norm(points_at(fine, stations, line) - np.asarray(point, dtype=float), axis=1).argmin())
     return float(fine[nearest] / stations[-1])
 
 
@@ -171,20 +172,11 @@ def _length(lane: Any) -> float:
     return float(_measured(lane)[1][-1])
 
 
-def lengths_along(line: Array) -> Array:
-    """Lengths of a polyline, (k, 2) m, up to its points, (k,) m."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-
-
-def _at(line: Array, stations: Array, wanted: Array) -> Array:
-    """Points of a polyline at lengths along it."""
-    return np.stack([np.interp(wanted, stations, line[:, axis]) for axis in (0, 1)], axis=-1)
-
-
 def spaced(points: Array, step: float) -> Array:
     """Return points at equal distances, about so large, along a polyline (k, 2), ends included, m."""
     stations = lengths_along(points)
-    placed = _at(points, stations, np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1))
+    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1)
+    placed = points_at(wanted, stations, points)
     placed[0], placed[-1] = points[0], points[-1]
     return placed
 
