@@ -51,29 +51,22 @@ GRID = 480
 
 
 @dataclass(frozen=True)
-class _Grids:
-    """Places that the vehicle's reference point could be at instead."""
+class _Panel:
+    """Places that the vehicle's reference point could be at instead, by an ordinate."""
 
-    time: Array  # (GRID,) Absolute, s
-    position: Array  # (GRID, 2) m
-    distance: Array  # (GRID,) m
-    offset: Array  # (GRID,) m
-    stations: Array  # (GRID,) Distances of the grid, m
-    offsets: Array  # (GRID,) Its offsets, m
-    along: Array  # (GRID, GRID, 2) Points on the path at each station and time
-    across: Array  # (GRID, GRID, 2) Points at each offset and time, beside where the vehicle then is
-    along_ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there
-    across_ahead: Array  # (GRID, GRID, 2)
+    name: str  # Of the ordinate
+    ordinate: Array  # (GRID,) m
+    driven: Array  # (GRID,) Ordinates at which the vehicle is, m
+    places: Array  # (GRID, GRID, 2) m at each ordinate and time
+    ahead: Array  # (GRID, GRID, 2) Unit vectors in which the vehicle looks there
 
 
 @dataclass(frozen=True)
 class _Region:
-    """Clearance to one zone, m: of a vehicle elsewhere, (GRID, GRID), and the least of the vehicle itself."""
+    """Clearance to one zone, m: of a vehicle elsewhere, (GRID, GRID) a panel, and the least of the vehicle itself."""
 
-    id: str
-    colour: str
-    along: Array
-    across: Array
+    name: str
+    clearances: list[Array]
     least: float
 
 
@@ -106,16 +99,28 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
         raise ValueError(f"view: space-time shows one trip ahead, and this plan has {len(plan.legs.legs)} legs")
     if path is not None:
         check_suffix(path, FIGURE_SUFFIXES)
-    grids = _grids(plan, 6.0 * scenario.vehicle.radius)
-    regions = _regions(grids, scenario)
+    time = np.linspace(plan.start_time, plan.arrival_time, GRID)
+    panels = _panels(plan, time, 6.0 * scenario.vehicle.radius)
+    every_zone = by_obstacle(zones(scenario))
+    regions, colours = _regions(plan, scenario.vehicle, every_zone, time, panels), _colours(every_zone, scenario)
+    epoch = clock_of(time)
     with style():
         figure = Figure(figsize=(7.5, 6.5), dpi=DPI, layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-        _draw_slow(above, scenario, grids.stations, grids.along[:, 0])
-        _draw_regions(above, below, grids, regions)
-        _draw_vehicle(above, below, grids)
+        _draw_slow(above, scenario, panels[0].ordinate, panels[0].places[:, 0])
+        for number, (axes, panel) in enumerate(zip((above, below), panels, strict=True)):
+            for region in reversed(regions):
+                clearance = region.clearances[number]
+                _draw_region(axes, time - epoch, panel.ordinate, clearance, colours[region.name])
+            axes.plot(time - epoch, panel.driven, color=INK, linewidth=2.0)
+            axes.set_ylim(panel.ordinate[0], panel.ordinate[-1])
+            # Both in the same unit, or a small offset looks as large as the whole way.
+            label_lengths(axes.yaxis, panel.name, unit_of(float(panels[0].ordinate[-1])))
+        below.axhline(0.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+        below.set_xlim(time[0] - epoch, time[-1] - epoch)
+        below.set_xlabel(time_label(epoch))
         above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
-        _draw_key(figure, {region.id: region.colour for region in regions})
+        _draw_key(figure, {region.name: colours[region.name] for region in regions})
         return finish(figure, path)
 
 
@@ -191,8 +196,8 @@ def _known_regions(run: Run, time: Array, points: Array, ahead: Array, far: floa
     return sorted(met, key=lambda region: -int((region[1] < 0.0).sum()))
 
 
-def _grids(plan: Plan, least_reach: float) -> _Grids:
-    time = np.linspace(plan.start_time, plan.arrival_time, GRID)
+def _panels(plan: Plan, time: Array, least_reach: float) -> tuple[_Panel, _Panel]:
+    """Distances along the path, and offsets beside where the vehicle then is."""
     trip, _ = plan.trip.at(time)
     position = plan.position(time)
     # The path by distance: the trip itself runs along it, if not evenly.
@@ -204,37 +209,30 @@ def _grids(plan: Plan, least_reach: float) -> _Grids:
     normal = plan.trip.frame.vectors_to_world(np.broadcast_to(trip.path.normal, position.shape))
     guide = position - trip.path.offset[:, None] * normal
     reach = max(1.4 * float(np.abs(trip.path.offset).max()), least_reach)
-    offsets = np.linspace(-reach, reach, GRID)
-    return _Grids(
-        time=time,
-        position=position,
-        distance=trip.distance,
-        offset=trip.path.offset,
-        stations=stations,
-        offsets=offsets,
-        along=np.broadcast_to(path[:, None], (GRID, GRID, 2)),
-        across=guide[None] + offsets[:, None, None] * normal[None],
-        along_ahead=np.broadcast_to(ahead[:, None], (GRID, GRID, 2)),
-        across_ahead=np.broadcast_to(_unit(plan.heading(time))[None], (GRID, GRID, 2)),
+    offsets, grid = np.linspace(-reach, reach, GRID), (GRID, GRID, 2)
+    across = guide[None] + offsets[:, None, None] * normal[None]
+    own_ahead = np.broadcast_to(_unit(plan.heading(time))[None], grid)
+    along, along_ahead = np.broadcast_to(path[:, None], grid), np.broadcast_to(ahead[:, None], grid)
+    return (
+        _Panel("distance along the path", stations, trip.distance, along, along_ahead),
+        _Panel("offset from the guide", offsets, trip.path.offset, across, own_ahead),
     )
 
 
-def _regions(grids: _Grids, scenario: Scenario) -> list[_Region]:
+def _regions(
+    plan: Plan, vehicle: Vehicle, every_zone: Mapping[str, list[ThreatZone]], time: Array, panels: tuple[_Panel, _Panel]
+) -> list[_Region]:
     """Give the zones that could be met, nearest first."""
-    every_time, vehicle = np.broadcast_to(grids.time, (GRID, GRID)), scenario.vehicle
-    own_ahead, every_zone = grids.across_ahead[0], by_obstacle(zones(scenario))
-    colours = _colours(every_zone, scenario)
+    every_time = np.broadcast_to(time, (GRID, GRID))
     regions = [
         _Region(
             name,
-            colours[name],
-            _clearance(several, vehicle, every_time, grids.along, grids.along_ahead),
-            _clearance(several, vehicle, every_time, grids.across, grids.across_ahead),
-            float(_clearance(several, vehicle, grids.time, grids.position, own_ahead).min()),
+            [_clearance(several, vehicle, every_time, panel.places, panel.ahead) for panel in panels],
+            float(_clearance(several, vehicle, time, plan.position(time), panels[1].ahead[0]).min()),
         )
         for name, several in every_zone.items()
     ]
-    met = [region for region in regions if min(region.along.min(), region.across.min()) < 0.0]
+    met = [region for region in regions if min(clearance.min() for clearance in region.clearances) < 0.0]
     return sorted(met, key=lambda region: region.least)
 
 
@@ -259,13 +257,6 @@ def _unit(angle: Array) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _draw_regions(above: Axes, below: Axes, grids: _Grids, regions: list[_Region]) -> None:
-    time = grids.time - clock_of(grids.time)
-    for region in reversed(regions):
-        _draw_region(above, time, grids.stations, region.along, region.colour)
-        _draw_region(below, time, grids.offsets, region.across, region.colour)
-
-
 def _draw_slow(axes: Axes, scenario: Scenario, stations: Array, points: Array) -> None:
     """Draw where along a path, with points (n, 2) m at stations (n,) m, the speed is limited, and to how much."""
     if not scenario.speed_limits:
@@ -288,36 +279,15 @@ def _draw_region(axes: Axes, time: Array, ordinate: Array, clearance: Array, col
         axes.contour(time, ordinate, clearance, levels=[0.0], colors=[colour], linewidths=1.0)
 
 
-def _draw_vehicle(above: Axes, below: Axes, grids: _Grids) -> None:
-    epoch = clock_of(grids.time)
-    time = grids.time - epoch
-    above.plot(time, grids.distance, color=INK, linewidth=2.0)
-    below.plot(time, grids.offset, color=INK, linewidth=2.0)
-    below.axhline(0.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
-    above.set_ylim(0.0, grids.stations[-1])
-    below.set_ylim(grids.offsets[0], grids.offsets[-1])
-    below.set_xlim(time[0], time[-1])
-    # Both in the same unit, or a small offset looks as large as the whole way.
-    unit = unit_of(float(grids.stations[-1]))
-    label_lengths(above.yaxis, "distance along the path", unit)
-    label_lengths(below.yaxis, "offset from the guide", unit)
-    below.set_xlabel(time_label(epoch))
-
-
 def _draw_key(figure: Figure, colours: Mapping[str, str], *, planned: bool = False) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [Line2D([], [], color=INK, linewidth=2.0)]
-    labels = ["vehicle"]
+    handles: list[Any] = [Line2D([], [], color=INK, linewidth=2.0, label="vehicle")]
     if planned:
-        handles.append(Line2D([], [], color=GREY, linewidth=0.7))
-        labels.append("planned")
-    named = list(colours)[: len(COLOURS)]
-    handles += [Patch(facecolor=(colours[name], 0.3), edgecolor=colours[name]) for name in named]
-    labels += named
-    others = len(colours) - len(COLOURS)
-    if others > 0:
-        handles.append(Patch(facecolor=(GREY, 0.3), edgecolor=GREY))
-        labels.append(f"{others} more")
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
+        handles.append(Line2D([], [], color=GREY, linewidth=0.7, label="planned"))
+    shown = dict(list(colours.items())[: len(COLOURS)])
+    if len(colours) > len(shown):
+        shown[f"{len(colours) - len(shown)} more"] = GREY
+    handles += [Patch(facecolor=(colour, 0.3), edgecolor=colour, label=name) for name, colour in shown.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5))
