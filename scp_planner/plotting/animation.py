@@ -19,8 +19,8 @@ from scp_planner.plotting.maps import (
     NAMED,
     border_of,
     draw_ends,
+    draw_key_above,
     draw_tracks,
-    key_to_symbols,
     lay_out,
     outline_of,
     vehicle_patches,
@@ -164,7 +164,7 @@ class Film:
         recording = self._recording
         lay_out(axes, recording, *recording.extent())
         draw_tracks(axes, recording)
-        key_to_symbols(recording).set_above(axes)
+        draw_key_above(axes, recording)
         self._title = axes.set_title(" ", loc="left", fontweight="bold")
         self._patches = [
             _ObstaclePatches(axes, obstacle, colour_of(number), named=len(recording.bodies) <= NAMED)

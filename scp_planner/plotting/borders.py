@@ -34,10 +34,14 @@ def body_of(shape: Shape) -> tuple[Array, bool]:
             points = np.array(shape.ellipse) * circle
         else:
             points = 0.5 * np.array(shape.rectangle) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-        own = shape.heading or 0.0
-        turn = np.array([[np.cos(own), np.sin(own)], [-np.sin(own), np.cos(own)]])
-        return points @ turn, shape.heading is None
+        return turned(points, shape.heading or 0.0), shape.heading is None
     return np.array(shape.polygon), False
+
+
+def turned(points: Array, heading: float) -> Array:
+    """Turn points (n, 2) about the origin by a heading, rad."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return points @ np.array([[cos, sin], [-sin, cos]])
 
 
 def vehicle_rectangle(discs: Sequence[float], radius: float) -> Array | None:

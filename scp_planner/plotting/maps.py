@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,13 +63,12 @@ def draw_scene(axes: Axes, recording: Recording, indices: Index, box: Box, *, na
         for obstacle in recording.bodies:
             _name(axes, recording, obstacle, indices, places)
     draw_ends(axes, recording)
-    key = key_to_symbols(recording)
     if narrow:
         part = axes.get_figure(root=False)
         assert part is not None
-        part.legend(key.handles, key.labels, loc="outside upper center", ncols=4, **_KEY_SPACING)
+        part.legend(handles=key_to_symbols(recording), loc="outside upper center", ncols=4, **_KEY_SPACING)
     else:
-        key.set_above(axes)
+        draw_key_above(axes, recording)
 
 
 def lay_out(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
@@ -136,48 +134,39 @@ def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
     return marks
 
 
-@dataclass(frozen=True)
-class Key:
+def draw_key_above(axes: Axes, recording: Recording) -> None:
+    """Explain the symbols in one row above the right end of axes."""
+    handles = key_to_symbols(recording)
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    key = axes.legend(handles=handles, ncols=len(handles), **place, **_KEY_SPACING)
+    key.set_clip_on(False)  # or the layout would leave no room for it
+
+
+def key_to_symbols(recording: Recording) -> list[Artist]:
     """Entries of a legend."""
-
-    handles: list[Any]
-    labels: list[str]
-
-    def __add__(self, other: Key) -> Key:
-        return Key(self.handles + other.handles, self.labels + other.labels)
-
-    def set_above(self, axes: Axes) -> None:
-        """Set the entries in one row above the right end of axes."""
-        columns = len(self.labels)
-        key = axes.legend(
-            self.handles, self.labels, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), **_KEY_SPACING
-        )
-        key.set_clip_on(False)  # or the layout would leave no room for it
-
-
-def key_to_symbols(recording: Recording) -> Key:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     hollow: dict[str, Any] = {"linestyle": "none", "color": "white", "markeredgecolor": INK}
-    start = Line2D([], [], marker="o", markersize=5, **hollow)
-    goal = Line2D([], [], marker="*", markersize=10, **hollow)
-    key = Key([start, goal], ["start", "goal"])
-    if recording.bodies:
-        key += Key([Patch(facecolor=(GREY, 0.22), edgecolor=GREY)], ["zone"])
-    if has_forbidden(recording):
-        key += Key([Patch(**FORBIDDEN_LOOK)], ["forbidden"])
-    if recording.stretches:
-        key += Key([Patch(**SLOW_LOOK)], ["slow"])
-    if recording.lanes:
-        key += Key([Line2D([], [], **LANE_LOOK)], ["lanes"])
-    if recording.guide is not None:
-        key += Key([Line2D([], [], **GUIDE_LOOK)], ["guide"])
-    if any(obstacle.observed is not None for obstacle in recording.obstacles):
-        key += Key([Line2D([], [], linestyle="none", marker=".", markersize=4, color=GREY)], ["seen"])
-    if any(obstacle.truth is not None for obstacle in recording.obstacles):
-        key += Key([Line2D([], [], color=INK, linewidth=0.9, linestyle=DOTTED)], ["really went"])
-    return key
+    obstacles = recording.obstacles
+    entries: list[tuple[object, Artist]] = [
+        (True, Line2D([], [], marker="o", markersize=5, **hollow, label="start")),
+        (True, Line2D([], [], marker="*", markersize=10, **hollow, label="goal")),
+        (recording.bodies, Patch(facecolor=(GREY, 0.22), edgecolor=GREY, label="zone")),
+        (has_forbidden(recording), Patch(**FORBIDDEN_LOOK, label="forbidden")),
+        (recording.stretches, Patch(**SLOW_LOOK, label="slow")),
+        (recording.lanes, Line2D([], [], **LANE_LOOK, label="lanes")),
+        (recording.guide is not None, Line2D([], [], **GUIDE_LOOK, label="guide")),
+        (
+            any(obstacle.observed is not None for obstacle in obstacles),
+            Line2D([], [], linestyle="none", marker=".", markersize=4, color=GREY, label="seen"),
+        ),
+        (
+            any(obstacle.truth is not None for obstacle in obstacles),
+            Line2D([], [], color=INK, linewidth=0.9, linestyle=DOTTED, label="really went"),
+        ),
+    ]
+    return [entry for there, entry in entries if there]
 
 
 def _draw_obstacle(

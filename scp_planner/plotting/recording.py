@@ -16,7 +16,7 @@ from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import lengths_along, points_at
-from scp_planner.plotting.borders import body_of, vehicle_rectangle
+from scp_planner.plotting.borders import body_of, turned, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
@@ -75,11 +75,8 @@ class ObstacleRecord:
 
     def body_at(self, index: int, center: Array | None = None) -> Array:
         """Vertices of the shape at one of the times, (k, 2) m, about the thought centre or another one."""
-        turned = self.body
-        if self.turns:
-            cos, sin = np.cos(self.heading[index]), np.sin(self.heading[index])
-            turned = self.body @ np.array([[cos, sin], [-sin, cos]])
-        return (self.center[index] if center is None else center) + turned
+        body = turned(self.body, self.heading[index]) if self.turns else self.body
+        return (self.center[index] if center is None else center) + body
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,6 @@ class Recording:
     """A trip and the obstacles around it at n increasing times."""
 
     name: str
-    facts: tuple[tuple[str, str], ...]
     time: Array  # (n,) Absolute, s
     position: Array  # (n, 2) m
     heading: Array  # (n,) rad
@@ -105,12 +101,12 @@ class Recording:
     radius: float  # m
     max_speed: float  # m/s
     goal: tuple[float, float]
-    goal_radius: float  # m
-    bounds: tuple[tuple[float, float], tuple[float, float]] | None  # Corners of the workspace, m
     paths: tuple[Array, ...]  # (k, 2) Planned paths, m: one for a plan, one a cycle for a closed loop
     path_index: Index  # (n,)
-    profiles: tuple[Profile, ...]
-    obstacles: tuple[ObstacleRecord, ...]
+    profiles: tuple[Profile, ...] = ()
+    obstacles: tuple[ObstacleRecord, ...] = ()
+    goal_radius: float = 0.0  # m
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None = None  # Corners of the workspace, m
     corridor: tuple[Array, ...] = ()  # (k, 2) Polygons that the vehicle stays in, m
     discs: Sequence[float] = (0.0,)
     map: OccupancyMap | None = None  # whose occupied cells no disc of the vehicle touches
@@ -119,6 +115,7 @@ class Recording:
     guide: Array | None = None  # (k, 2) The lane that the path is an offset of, m; None: straight
     stretches: tuple[Stretch, ...] = ()
     replans: tuple[ReplanRecord, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
     goal_region: Array | None = None  # (k, 2) Polygon that the trip ends in, m
     places: tuple[tuple[float, float], ...] = ()  # m; to pass on the way, or former goals
 
@@ -145,10 +142,8 @@ class Recording:
 
     def vehicle_at(self, index: int) -> Array | None:
         """Corners of a long vehicle at one of the times, (4, 2) m; None for discs."""
-        if self.vehicle_body is None:
-            return None
-        cos, sin = np.cos(self.heading[index]), np.sin(self.heading[index])
-        return self.position[index] + self.vehicle_body @ np.array([[cos, sin], [-sin, cos]])
+        body = self.vehicle_body
+        return None if body is None else self.position[index] + turned(body, self.heading[index])
 
     @property
     def clearance(self) -> Array:
@@ -231,14 +226,12 @@ def record_course(scenario: Scenario, times: int) -> Recording:
     heading[0] = heading[0] if start.heading is None else start.heading
     time = start.time + along / scenario.vehicle.max_speed
     return Recording(
-        facts=(),
         time=time,
         position=position,
         heading=heading,
         speed=np.full(times, scenario.vehicle.max_speed),
         paths=(position,),
         path_index=np.zeros(times, dtype=np.intp),
-        profiles=(),
         obstacles=tuple(
             replace(one, clearance=np.zeros(times)) for one in _record_obstacles(scenario, time, position, heading, {})
         ),

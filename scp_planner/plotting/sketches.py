@@ -81,7 +81,6 @@ def _bare(plan: Plan) -> Recording:
     x, y = position[-1].tolist()
     return Recording(
         name=plan.scenario,
-        facts=(),
         time=time,
         position=position,
         heading=plan.heading(time),
@@ -89,10 +88,7 @@ def _bare(plan: Plan) -> Recording:
         radius=0.0,
         max_speed=float(speed.max()),
         goal=(x, y),
-        goal_radius=0.0,
-        bounds=None,
         paths=(position,),
         path_index=np.zeros(SAMPLES, dtype=np.intp),
         profiles=(Profile("speed", "m/s", speed, lower=0.0),),
-        obstacles=(),
     )

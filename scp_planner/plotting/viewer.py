@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from os import PathLike
@@ -114,11 +115,8 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "lanes": [rounding.of(lane - origin) for lane in recording.lanes],
         "guide": None if recording.guide is None else rounding.of(recording.guide - origin),
         "slow": _slow_data(recording, origin, rounding),
-        "unit": {"name": unit.name, "size": unit.size},
-        "replans": [
-            {"time": each.time - recording.epoch, "outcome": each.outcome, "safe": each.safe, "reason": each.reason}
-            for each in recording.replans
-        ],
+        "unit": asdict(unit),
+        "replans": [{**asdict(each), "time": each.time - recording.epoch} for each in recording.replans],
         "extent": rounding.of(np.stack([low, high]) - origin),
         "paths": [rounding.of(path - origin) for path in recording.paths],
         "pathIndex": recording.path_index.tolist(),
