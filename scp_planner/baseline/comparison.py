@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from os import PathLike
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, tightened
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.scp.evaluation import Evaluation, evaluate_trip
+from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.search.starts import starts
@@ -113,46 +114,8 @@ def _trials(
     found = islice(starts(problem, settings.searches), starts_each)
     for number, (_, start) in enumerate(found):
         for method in methods:
-            if method is Method.SCP:
-                ended = _improved(problem, threat_zones, start)
-            else:
-                ended = _descended(problem, threat_zones, start, Variant(method.value), seed + number)
-            yield _trial(problem, number, ended)
-
-
-@dataclass(frozen=True)
-class _Ended:
-    """Result of a method from one start."""
-
-    method: Method
-    status: str
-    certificate: Certificate
-    evaluation: Evaluation
-    iterations: int
-    evaluations: int
-    wall_time: float
-    iterates: list[Iterate]
-
-
-def _descended(
-    problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, variant: Variant, seed: int
-) -> _Ended:
-    timings: dict[str, float] = {}
-    descent = Descent(problem, start, DescentSettings(variant=variant), seed=seed, keep_iterates=True)
-    checked = checked_descent(problem, threat_zones, descent, timings)
-    run = checked.run
-    iterates = [Iterate(0, 0.0, start), *descent.run_so_far.iterates]
-    evaluation = evaluate_trip(problem, run.trajectory)
-    return _Ended(
-        Method(variant.value),
-        run.status.value,
-        checked.verdict,
-        evaluation,
-        run.iterations,
-        run.evaluations,
-        timings["descent"],
-        iterates,
-    )
+            task = _Task(problem, threat_zones, number, start, method)
+            yield task.improved() if method is Method.SCP else task.descended(seed + number)
 
 
 class _WatchedLoop(ScpLoop):
@@ -167,47 +130,65 @@ class _WatchedLoop(ScpLoop):
         return moved
 
 
-def _improved(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory) -> _Ended:
-    """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
-    settings = problem.settings
-    iterates, began, checking, iterations = [Iterate(0, 0.0, start)], perf_counter(), 0.0, 0
-    current, asked = start, problem
-    for _ in range(TIGHTENINGS + 1):
-        loop = _WatchedLoop(asked, solver_named(settings.solver), "clarabel")
-        loop.iterates, loop.began = iterates, began + checking
-        run = loop.run(current, settings.max_iterations)
-        iterations += len(run.record)
-        clock = perf_counter()
-        trip = Trip(problem.frame, run.evaluation.trajectory.settled())
-        certificate = certify_trip(problem.scenario, trip, threat_zones)
-        checking += perf_counter() - clock
-        if certificate.holds or not run.feasible:
-            break
-        asked, current = tightened(asked, certificate), run.evaluation.trajectory
-    wall_time = perf_counter() - began - checking
-    evaluation = evaluate_trip(problem, run.evaluation.trajectory)
-    status = run.status.value
-    return _Ended(Method.SCP, status, certificate, evaluation, iterations, len(iterates), wall_time, iterates)
+@dataclass(frozen=True)
+class _Task:
+    """One method from one start."""
 
+    problem: Problem
+    threat_zones: tuple[ThreatZone, ...]
+    number: int  # Of the start
+    start: Trajectory
+    method: Method
 
-def _trial(problem: Problem, number: int, ended: _Ended) -> Trial:
-    units = problem.units
-    found = ended.certificate.outside(units)
-    return Trial(
-        problem.scenario.name,
-        number,
-        ended.method,
-        ended.status,
-        ended.certificate.holds,
-        ended.evaluation.trajectory.travel_time * units.time,
-        found.clearance.minimum,
-        ended.evaluation.worst_violation,
-        ended.iterations,
-        ended.evaluations,
-        ended.wall_time,
-        "; ".join(str(violation) for violation in found.violations),
-        _curve(problem, ended.iterates),
-    )
+    def descended(self, seed: int) -> Trial:
+        timings: dict[str, float] = {}
+        settings = DescentSettings(variant=Variant(self.method))
+        descent = Descent(self.problem, self.start, settings, seed=seed, keep_iterates=True)
+        checked = checked_descent(self.problem, self.threat_zones, descent, timings)
+        run = checked.run
+        iterates = [Iterate(0, 0.0, self.start), *descent.run_so_far.iterates]
+        spent = {"iterations": run.iterations, "evaluations": run.evaluations, "wall_time": timings["descent"]}
+        return self._trial(run.status.value, checked.verdict, run.trajectory, iterates, **spent)
+
+    def improved(self) -> Trial:
+        """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
+        settings = self.problem.settings
+        iterates, began, checking, iterations = [Iterate(0, 0.0, self.start)], perf_counter(), 0.0, 0
+        current, asked = self.start, self.problem
+        for _ in range(TIGHTENINGS + 1):
+            loop = _WatchedLoop(asked, solver_named(settings.solver), "clarabel")
+            loop.iterates, loop.began = iterates, began + checking
+            run = loop.run(current, settings.max_iterations)
+            iterations += len(run.record)
+            clock = perf_counter()
+            trip = Trip(self.problem.frame, run.evaluation.trajectory.settled())
+            certificate = certify_trip(self.problem.scenario, trip, self.threat_zones)
+            checking += perf_counter() - clock
+            if certificate.holds or not run.feasible:
+                break
+            asked, current = tightened(asked, certificate), run.evaluation.trajectory
+        wall_time = perf_counter() - began - checking
+        spent = {"iterations": iterations, "evaluations": len(iterates), "wall_time": wall_time}
+        return self._trial(run.status.value, certificate, run.evaluation.trajectory, iterates, **spent)
+
+    def _trial(
+        self, status: str, certificate: Certificate, trajectory: Trajectory, iterates: list[Iterate], **spent: Any
+    ) -> Trial:
+        units, evaluation = self.problem.units, evaluate_trip(self.problem, trajectory)
+        found = certificate.outside(units)
+        return Trial(
+            self.problem.scenario.name,
+            self.number,
+            self.method,
+            status,
+            certificate.holds,
+            trajectory.travel_time * units.time,
+            found.clearance.minimum,
+            evaluation.worst_violation,
+            violations="; ".join(str(violation) for violation in found.violations),
+            curve=_curve(self.problem, iterates),
+            **spent,
+        )
 
 
 def _curve(problem: Problem, iterates: list[Iterate]) -> Curve:
