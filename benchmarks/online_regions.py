@@ -21,7 +21,7 @@ from benchmarks import common, families, online_crowds, online_noticing
 from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
-from scp_planner.settings.online import Regions, Watch
+from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.simulation.worlds import Course, track_course
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import square_within
@@ -66,7 +66,9 @@ class Counted:
 
 def known(regions: Regions) -> ObstacleTracks:
     """What a planner knows of no obstacles yet."""
-    return ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=regions))
+    return ObstacleTracks(
+        sp.Confidence(probability=LEVEL, level="per_time"), settings=SceneOnlineSettings(regions=regions)
+    )
 
 
 def predictions(

@@ -50,7 +50,7 @@ from scp_planner.scenario.motions import Course, GivenMotion
 from scp_planner.scenario.process_model import MeanRevertingVelocity
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
-from scp_planner.settings.online import Regions, SceneNewcomers, Watch
+from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import (
     HORIZON,
     Embodied,
@@ -77,17 +77,16 @@ class ObstacleTracks:
         self,
         confidence: Confidence,
         margin: float = 0.0,
-        newcomers: SceneNewcomers | None = None,
-        watch: Watch | None = None,
+        settings: SceneOnlineSettings | None = None,
     ) -> None:
         self.confidence = confidence
         self.margin = margin
-        self.newcomers = newcomers or SceneNewcomers()
-        self.watch = watch or Watch()
-        self._manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
+        self.settings = settings or SceneOnlineSettings()
+        self.newcomers = self.settings.newcomers
+        self._manoeuvre = self.settings.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
-        adaptive = self.watch.regions is Regions.ADAPTIVE
+        adaptive = self.settings.regions is Regions.ADAPTIVE
         self.sizes = RegionSizes(outside_probability(confidence.probability)) if adaptive else None
         self._banks: dict[int, Bank] = {}
         self._ready: Learnt | None = None  # until anything new is known
@@ -107,7 +106,7 @@ class ObstacleTracks:
             elif obstacle.observations is not None:
                 remember(track, obstacle.observations)
                 together.append(track)
-        self._learn_together([track for track in together if track.simple and self.watch.alarm_probability > 0.0])
+        self._learn_together([track for track in together if track.simple and self.settings.alarm_probability > 0.0])
         for track in together:
             if track.estimator is None:
                 track.relearn(self.newcomers, self._make)
@@ -139,7 +138,7 @@ class ObstacleTracks:
 
     def _replay(self, bank: Bank, tracks: list[ObstacleTrack]) -> None:
         """Let a bank learn from all that has been seen of obstacles, but for outliers."""
-        gate = -2.0 * math.log(self.watch.gate_probability) if self.watch.gate_probability > 0.0 else math.inf
+        gate = -2.0 * math.log(self.settings.gate_probability) if self.settings.gate_probability > 0.0 else math.inf
         wild: dict[str, list[int]] = {track.id: [] for track in tracks}
         for place in range(max((len(track.times) for track in tracks), default=0)):
             some = [track for track in tracks if len(track.times) > place]
@@ -165,7 +164,7 @@ class ObstacleTracks:
         process, covariance = track.model.process, track.covariance
         if process is not None:
             return ProcessTrack(process)
-        if covariance is None or not track.simple or self.watch.alarm_probability <= 0.0:
+        if covariance is None or not track.simple or self.settings.alarm_probability <= 0.0:
             return PolynomialTrack(track.model.order, covariance, track.varying)
         return NoticingTrack(self._bank(track.model.order), covariance)
 
@@ -174,7 +173,7 @@ class ObstacleTracks:
         if bank is None:
             deviations = self.newcomers
             widening = FilterModels(deviations.velocity_deviation, deviations.acceleration_deviation)
-            bank = self._banks[order] = Bank(order, widening, self.watch.alarm_probability)
+            bank = self._banks[order] = Bank(order, widening, self.settings.alarm_probability)
             bank.set_noise(self.noise.factor)
         return bank
 
@@ -230,7 +229,7 @@ class ObstacleTracks:
             return "it came twice"
         if track.comes_too_late(one):
             return f"it came too late, after {TRACKS.most_late} newer observations"
-        if track.is_improbable(one, self.watch.gate_probability, self.newcomers):
+        if track.is_improbable(one, self.settings.gate_probability, self.newcomers):
             track.suspects.append(one)
             if len(track.suspects) < TRACKS.most_suspects:
                 return "it is improbable given the earlier observations"
@@ -315,7 +314,7 @@ class ObstacleTracks:
             zones = settled.zones(start, level)
             made.update(zip((track.id for track in settled.tracks), zones, strict=True))
         for order, some in kinds[TrackKind.ALARMED].items():
-            deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
+            deviation = self.newcomers.acceleration_deviation if self.settings.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
@@ -341,7 +340,7 @@ class ObstacleTracks:
 
     def _change_hypotheses(self, tracks: Sequence[ObstacleTrack], level: Level) -> ChangeHypotheses | None:
         """Changes of acceleration of some tracks of one bank that are likely enough to matter."""
-        if self.watch.changes <= 0.0:
+        if self.settings.changes <= 0.0:
             return None
         bank, slots = self._banks[tracks[0].model.order], slots_of(tracks)
         some = np.flatnonzero(bank.trend[slots] > CHANGE_HYPOTHESES.looked_at)
@@ -350,7 +349,7 @@ class ObstacleTracks:
         found = changes_among(bank, slots[some], self.newcomers.acceleration_deviation)
         if not found.spoken_for:
             return None
-        return found.change_hypotheses(self.watch.changes).among(
+        return found.change_hypotheses(self.settings.changes).among(
             some, len(tracks), CHANGE_HYPOTHESES.left_out * level.alpha
         )
 

@@ -113,7 +113,7 @@ class Planner(Changeable):
         scenario = tracked(scenario)
         inside = units.scenario(scenario)
         margin = self._online.margin(inside.vehicle.max_speed)
-        obstacles = ObstacleTracks(inside.confidence, margin, self._online.newcomers, self._online.watch)
+        obstacles = ObstacleTracks(inside.confidence, margin, self._online)
         obstacles.add(*inside.obstacles)
         super().__init__(Inbox(obstacles, units, inside.start.time, self._online), units)
         self.plan: OnlinePlan | None = None

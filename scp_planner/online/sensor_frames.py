@@ -48,7 +48,7 @@ def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTra
     slots = slots_of(tracks)
     times = np.array([one.time for one in seen])
     positions = np.fromiter(chain.from_iterable([one.position for one in seen]), float, 2 * len(seen)).reshape(-1, 2)
-    gate = obstacles.watch.gate_probability
+    gate = obstacles.settings.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])
     if gate > 0.0:
         usual &= bank.misfits(slots, times, positions) <= -2.0 * math.log(gate)

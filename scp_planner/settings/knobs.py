@@ -9,7 +9,7 @@ import re
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, replace
-from enum import Enum
+from enum import Enum, EnumType
 from functools import cache
 from typing import Annotated, Any, Self, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -50,13 +50,16 @@ class Above(Range):
 class Choice:
     """Allowed words."""
 
-    words: Callable[[], Iterable[str]]  # Gives the words; called when they are needed
+    words: Callable[[], Iterable[str]] | type[Enum]  # Members of an enum, or what is called when they are needed
+
+    def _known(self) -> list[str]:
+        return [member.value for member in self.words] if isinstance(self.words, EnumType) else list(self.words())
 
     def __contains__(self, value: str) -> bool:
-        return value in self.words()
+        return value in self._known()
 
     def __str__(self) -> str:
-        return "one of " + ", ".join(self.words())
+        return "one of " + ", ".join(self._known())
 
 
 @dataclass(frozen=True)

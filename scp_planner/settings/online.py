@@ -11,14 +11,8 @@ from scp_planner.settings.knobs import Above, Choice, Knobs, Range
 from scp_planner.settings.planning import LARGEST, decided
 from scp_planner.units import Units
 
-GATE_PROBABILITY = 1e-7
-"""An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
 RARE = 1e-6
 """Probability below which a window is improbable. Ten times that would notice a change a thirtieth sooner only."""
-MANOEUVRE = 0.03
-"""Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'."""
-CHANGES = 0.02
-"""Rate of an obstacle's acceleration changes, per unit of time."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +74,6 @@ class GiveWay(StrEnum):
     """Also where a short trip leads nearly as far and keeps farther away."""
 
 
-def _ways_to_give() -> tuple[str, ...]:
-    return tuple(each.value for each in GiveWay)
-
-
-def _safeties() -> tuple[str, ...]:
-    return tuple(each.value for each in Safety)
-
-
 class Regions(StrEnum):
     """Source of the sizes of zones."""
 
@@ -95,21 +81,6 @@ class Regions(StrEnum):
     """The estimated motion, after change detection."""
     ADAPTIVE = "adaptive"
     """The estimated motion and its coverage so far, by obstacle and horizon; see `scp_planner.tracking.conformal`."""
-
-
-def _regions() -> tuple[str, ...]:
-    return tuple(each.value for each in Regions)
-
-
-@dataclass(frozen=True)
-class Watch:
-    """Changes of obstacles and of the sensor that are noticed, and those that are allowed for in advance."""
-
-    gate_probability: float = GATE_PROBABILITY  # An observation less probable than this is left out
-    alarm_probability: float = RARE  # A window of the newest observations less probable than this is an alarm
-    manoeuvre: float = MANOEUVRE  # Standard deviation of a change of acceleration that may begin at any moment
-    regions: Regions | str = Regions.ADAPTIVE
-    changes: float = CHANGES
 
 
 @dataclass(frozen=True)
@@ -194,9 +165,9 @@ class OnlineSettings(Knobs):
     heading_error: Annotated[float | None, Range(0.0, math.pi, "rad")] = None
     arrival_tolerance: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
-    safety: Annotated[Safety | str, Choice(_safeties)] = Safety.STOP
+    safety: Annotated[Safety | str, Choice(Safety)] = Safety.STOP
     stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None
-    give_way: Annotated[GiveWay | str | None, Choice(_ways_to_give)] = None
+    give_way: Annotated[GiveWay | str | None, Choice(GiveWay)] = None
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
     improve_every: Annotated[int, Range(1, 1000)] = 5
@@ -206,11 +177,11 @@ class OnlineSettings(Knobs):
     first_runs: Annotated[int, Range(1, 1000)] = 4
     reserve: Annotated[float, Range(0.0, 60.0, "s")] = 5e-3
     newcomers: Newcomers = field(default_factory=Newcomers)
-    gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
+    gate_probability: Annotated[float, Range(0.0, 0.5)] = 1e-7
     alarm_probability: Annotated[float, Range(0.0, 0.1)] = RARE
-    manoeuvre: Annotated[float, Range(0.0, 1000.0)] = MANOEUVRE
-    changes: Annotated[float, Range(0.0, 1000.0)] = CHANGES
-    regions: Annotated[Regions | str, Choice(_regions)] = Regions.ADAPTIVE
+    manoeuvre: Annotated[float, Range(0.0, 1000.0)] = 0.03
+    changes: Annotated[float, Range(0.0, 1000.0)] = 0.02
+    regions: Annotated[Regions | str, Choice(Regions)] = Regions.ADAPTIVE
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
     def for_scene(self, units: Units) -> SceneOnlineSettings:
@@ -232,11 +203,6 @@ class OnlineSettings(Knobs):
         """
         newcomers = decided(self.newcomers, Newcomers, SceneNewcomers, units)
         return decided(replace(self, newcomers=newcomers), OnlineSettings, SceneOnlineSettings, units)
-
-    @property
-    def watch(self) -> Watch:
-        """Changes that are noticed, and those that are allowed for."""
-        return Watch(self.gate_probability, self.alarm_probability, self.manoeuvre, self.regions, self.changes)
 
     def margin(self, max_speed: float) -> float:
         """Margin added to zones, m: tracking error, and the way that the vehicle drives in its reaction time."""

@@ -12,7 +12,7 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import TRACKS
-from scp_planner.settings.online import Regions, Watch
+from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import estimate_obstacle
@@ -27,13 +27,16 @@ SCALE = -2.0 * math.log(0.05)
 
 
 def tracked(
-    places: Array, model: dict[str, Any] | None = None, watch: Watch | None = None, probability: float = 0.95
+    places: Array,
+    model: dict[str, Any] | None = None,
+    watch: SceneOnlineSettings | None = None,
+    probability: float = 0.95,
 ) -> ObstacleTracks:
     """Obstacles at places (F, K, 2) that are observed one frame after the other, and asked for their zones each time.
 
     A frame that is not a number is one in which the obstacle is not seen.
     """
-    tracks = ObstacleTracks(sp.Confidence(level="per_time", probability=probability), watch=watch)
+    tracks = ObstacleTracks(sp.Confidence(level="per_time", probability=probability), settings=watch)
     for k in range(places.shape[1]):
         tracks.add_unseen(str(k), sp.Disc(disc=0.3), sp.Model(**model or {"order": 2}), 0.0, SIGMA)
     for number, frame in enumerate(places.tolist()):
@@ -140,7 +143,7 @@ def test_outliers_of_the_past_are_left_out() -> None:
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_zones_with_a_manoeuvre_are_those_of_the_scenario(order: int) -> None:
-    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(manoeuvre=0.4, changes=0.0))
+    tracks = ObstacleTracks(sp.Confidence(), settings=SceneOnlineSettings(manoeuvre=0.4, changes=0.0))
     tracks.add(observed(noisy(np.zeros((30, 2)), 12), order))
     (zone,), (given,) = tracks.zones(3.0), tracks.as_obstacles()
     assert given.model.manoeuvre == pytest.approx(0.4 * tracks.newcomers.acceleration_deviation)
@@ -178,7 +181,7 @@ def seen_in(order: list[int], model: sp.Model) -> tuple[ObstacleTracks, list[str
     """Something that wanders, seen in some order, and what was said of each observation."""
     draw = np.random.default_rng(7)
     places = np.cumsum(np.cumsum(0.02 * draw.normal(size=(1 + max(order), 2)), axis=0), axis=0)
-    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(gate_probability=0.0))
+    tracks = ObstacleTracks(sp.Confidence(), settings=SceneOnlineSettings(gate_probability=0.0))
     tracks.add_unseen("one", sp.Disc(disc=0.5), model, 0.0, SIGMA)
     return tracks, [tracks.observe("one", STEP * k, (float(places[k, 0]), float(places[k, 1]))) for k in order]
 
@@ -227,7 +230,7 @@ def test_adaptive_regions_hold_as_often_as_they_say_where_the_model_is_wrong(mod
     course = np.stack([0.3 * np.sin(times[:, None] + rng.uniform(0, 6, count)), np.zeros((len(times), count))], axis=-1)
     seen, shares = noisy(course, 6), {}
     for kind in Regions:
-        watch = Watch(regions=kind, alarm_probability=0.0, gate_probability=0.0, changes=0.0)
+        watch = SceneOnlineSettings(regions=kind, alarm_probability=0.0, gate_probability=0.0, changes=0.0)
         tracks, found = tracked(seen[:60], model, watch, 0.8), []
         for number in range(60, frames):
             for k, (x, y) in enumerate(seen[number].tolist()):
@@ -244,8 +247,8 @@ def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
     made = {}
     for kind in Regions:
         rng = np.random.default_rng(6)
-        watch = Watch(alarm_probability=0.0, gate_probability=0.0, regions=kind)
-        tracks = ObstacleTracks(sp.Confidence(probability=0.5, level="per_time"), watch=watch)
+        watch = SceneOnlineSettings(alarm_probability=0.0, gate_probability=0.0, regions=kind)
+        tracks = ObstacleTracks(sp.Confidence(probability=0.5, level="per_time"), settings=watch)
         for name, shape in (("box", sp.Rectangle(rectangle=(2.0, 0.5))), ("disc", sp.Disc(disc=0.3))):
             tracks.add_unseen(name, shape, sp.Model(order=1), 0.0, SIGMA)
         for number in range(120):
