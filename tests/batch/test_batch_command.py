@@ -11,13 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
-from batches import STRANGE_NAMES, Here, rows_in
+from batches import STRANGE_NAMES, rows_in
 from clock import PATIENCE, eventually
 from command import run
 
 from scp_planner import builtin
 from scp_planner.batch.jobs import Options, PlanningMethod
-from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.settings.planning import Settings
 
 SLOW = Options(
@@ -134,6 +133,8 @@ def test_interrupt_and_a_killed_worker_change_nothing_in_the_end(many: Path, tmp
     ended = run("batch", many, *options, "--json")
     assert ended.exit_code == 0, ended.output
     assert json.loads(ended.stdout)["done_before"] == done
-    assert set(run_batch(scenario_files(many), whole, Here(), SLOW).counts) == {"certified"}
+    # By workers too: BLAS has one thread in each of them, and may sum in another order where it has more.
+    assert run("batch", many, *options[:-1], str(whole)).exit_code == 0
+    assert whole.read_text().count("certified") == rows_in(whole) == 4
     assert table.read_bytes() == whole.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.csv", "whole.csv"]
