@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from scp_planner.online.reasons import ReasonCode as ReasonCode
     from scp_planner.planning.meeting import Meeting as Meeting
     from scp_planner.planning.meeting import meeting as meeting
+    from scp_planner.planning.meeting import meetings as meetings
     from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
     from scp_planner.scenario.estimates import Estimate as Estimate
@@ -78,7 +79,7 @@ _NAMES_OF = {
     "online.planner": "Planner",
     "online.predictor": "Predictor",
     "online.reasons": "ReasonCode",
-    "planning.meeting": "Meeting meeting",
+    "planning.meeting": "Meeting meeting meetings",
     "planning.offline": "plan",
     "planning.plan": "Plan",
     "scenario.estimates": "Estimate",

@@ -1,4 +1,4 @@
-"""Places to pass on the way: instants, one after the other, at which a motion is within the radius of each."""
+"""Places to pass and targets to meet on the way: instants at which a motion is within the radius of each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.tolerances import END_TOLERANCE, ROUNDING
 from scp_planner.certificate.verdict import PASSED, Violation
-from scp_planner.scenario.models import Passage, Scenario
+from scp_planner.scenario.models import Order, Passage, Scenario
+from scp_planner.threat_zones.target import TargetMotion
 from scp_planner.trips.trip import Trip
 
 
@@ -33,34 +34,51 @@ Motion = Callable[[Array], tuple[Array, Array]]
 class Pass:
     """The first instant at which a place is passed; the nearest one of a place that is not."""
 
+    number: int  # of the place among the scenario's goals
     time: float
     distance: float
     passed: bool
 
 
+@dataclass(frozen=True)
+class _Place:
+    """A place to pass, or a target to meet."""
+
+    asked: Passage
+    target: TargetMotion | None
+
+    def at(self, times: Array) -> Array:
+        """Return its places, (n, 2) m, or the one of them, (2,) m."""
+        return np.array(self.asked.position) if self.target is None else self.target.places(times)
+
+
 def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tuple[Pass, ...]:
-    """Pass the places of a scenario between two times; the last pass may be one of a place that is missed."""
-    found = list[Pass]()
-    for one in scenario.goals:
-        first = begin if one.earliest_arrival is None else one.earliest_arrival
-        last = end if one.latest_arrival is None else one.latest_arrival
+    """Pass the places of a scenario between two times; the last pass may be one of a place that is missed.
+
+    Each is passed after those before it, or, in the fastest order, whenever that is first possible.
+    """
+    found, since = list[Pass](), begin
+    for number, asked in enumerate(scenario.goals):
+        one = _Place(asked, TargetMotion.of(scenario, asked))
+        begin = since if scenario.goals_order is Order.FASTEST or not found else found[-1].time
+        first = begin if asked.earliest_arrival is None else asked.earliest_arrival
+        last = end if asked.latest_arrival is None else asked.latest_arrival
         times = np.linspace(min(max(first, begin), end), max(min(last, end), begin), LOOKS.samples)
-        radius = one.within(scenario.vehicle)
+        radius = asked.within(scenario.vehicle)
         away, ahead = _seen(motion, one, times)
         within = np.flatnonzero(ahead & (away <= radius))
         if len(within):
             k = int(within[0])
-            found.append(Pass(float(times[k]), float(away[k]), first <= times[k] <= last))
+            found.append(Pass(number, float(times[k]), float(away[k]), first <= times[k] <= last))
         else:
             k = int(np.argmin(away))
             low, high = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
             time = _nearest(motion, one, float(low), float(high))
             near, turned = _seen(motion, one, np.array([time]))
             passed = bool(turned[0]) and near[0] <= radius + END_TOLERANCE and first <= time <= last
-            found.append(Pass(time, float(near[0]), passed))
+            found.append(Pass(number, time, float(near[0]), passed))
         if not found[-1].passed:
             break
-        begin = found[-1].time
     return tuple(found)
 
 
@@ -78,24 +96,25 @@ def passes_of(trip: Trip, scenario: Scenario, since: float | None = None) -> tup
 
 def places_missed(found: Sequence[Pass], scenario: Scenario) -> Iterator[Violation]:
     """Yield the violation of the first place that is not passed after those before it, in its heading and time."""
-    for k, one in enumerate(found):
+    for one in found:
         if not one.passed:
-            yield Violation(f"{PASSED}[{k}]", one.distance, scenario.goals[k].within(scenario.vehicle), one.time)
+            radius = scenario.goals[one.number].within(scenario.vehicle)
+            yield Violation(f"{PASSED}[{one.number}]", one.distance, radius, one.time)
 
 
-def _seen(motion: Motion, one: Passage, times: Array) -> tuple[Array, Mask]:
+def _seen(motion: Motion, one: _Place, times: Array) -> tuple[Array, Mask]:
     """Distances from a place at times, (n,) m, and whether the heading there is one that it asks for."""
     position, direction = motion(times)
-    away: Array = np.hypot(*(position - one.position).T)
-    if one.heading_range is None:
+    away: Array = np.hypot(*(position - one.at(times)).T)
+    if one.asked.heading_range is None:
         return away, np.ones(len(times), dtype=np.bool_)
-    low, high = one.heading_range
+    low, high = one.asked.heading_range
     turn = np.arctan2(direction[:, 1], direction[:, 0]) - 0.5 * (low + high)
     turn -= 2.0 * pi * np.round(turn / (2.0 * pi))
     return away, np.abs(turn) <= 0.5 * (high - low) + ROUNDING
 
 
-def _nearest(motion: Motion, one: Passage, low: float, high: float) -> float:
+def _nearest(motion: Motion, one: _Place, low: float, high: float) -> float:
     for _ in range(LOOKS.thirds):
         third = (high - low) / 3.0
         left, right = _seen(motion, one, np.array([low + third, high - third]))[0].tolist()

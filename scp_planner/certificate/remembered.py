@@ -13,6 +13,7 @@ from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.targets import obstacle_met
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trip import Trip
@@ -76,6 +77,8 @@ class KeptMotion:
             and mine.vehicle is other.vehicle
             and mine.goal is other.goal
             and mine.goals is other.goals
+            and mine.goals_order is other.goals_order
+            and (mine.obstacles is other.obstacles or not any(map(obstacle_met, (mine.goal, *mine.goals))))
             and mine.bounds is other.bounds
             and mine.speed_limits is other.speed_limits
             and all(limit.line is not None for limit in mine.speed_limits)

@@ -26,6 +26,7 @@ _UNITS = {
     "least_clearance": "m",
     "time_of_least_clearance": "s",
     "wall_time": "s",
+    "times_of_passing": "s",
     "meeting_x": "m",
     "meeting_y": "m",
     "relative_speed": "m/s",
@@ -139,5 +140,7 @@ def _shown(value: object) -> str:
             return "yes" if value else "no"
         case float():
             return f"{value:.4f}"
+        case list():
+            return ", ".join(map(_shown, value))
         case _:
             return str(value)

@@ -33,7 +33,16 @@ def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "method": plan.method,
         "solver": plan.solver,
         **(_of_meeting(scenario, plan) if scenario.goal.target is not None else {}),
+        **(_of_passages(scenario, plan) if scenario.goals else {}),
     }
+
+
+def _of_passages(scenario: Scenario, plan: Plan) -> dict[str, Any]:
+    """Sum up in which order, and when, a plan passes places and meets targets on the way."""
+    from scp_planner.planning.meeting import meetings
+
+    found = meetings(scenario, plan)
+    return {"goals_passed": list(found), "times_of_passing": [one.time for one in found.values()]}
 
 
 def _of_meeting(scenario: Scenario, plan: Plan) -> dict[str, Any]:

@@ -121,7 +121,7 @@ class Clearance(Constraint):
         return TripPoints.joined([minima, points]), ZoneContacts.joined([touched, contacts])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
-        return _entry_gradient(self.setup, trip, *self._met(trip, index))
+        return entry_gradient(self.setup, trip, *self._met(trip, index))
 
     def rows(self, trip: Trajectory, excess: Array) -> Rows:
         """Return the rows -dc z <= c; those of several parts of a zone are about one violation."""
@@ -129,7 +129,7 @@ class Clearance(Constraint):
         sample, zone = self._sample_and_zone(self._last.of(trip, self._look), index)
         group = zone if self.zones.whole is None else self.zones.whole[zone]
         points, contacts = self._met(trip, index)
-        matrix = _entry_gradient(self.setup, trip, points, contacts)
+        matrix = entry_gradient(self.setup, trip, points, contacts)
         return Rows(matrix, contacts.distance, group, zone * MOST_SAMPLES + sample)
 
     def touched(self, trip: Trajectory, near: float) -> dict[int, int]:
@@ -183,10 +183,10 @@ class SampledClearance(Constraint):
         """Gradient of entries: the vehicle stands before it sets off and after it has arrived."""
         points = trip.kept_at(self.times).take(sample)
         stands = (points.distance < 0.0) | (points.distance > trip.path.arc_length)
-        return _entry_gradient(self.setup, trip, points, contacts, stands)
+        return entry_gradient(self.setup, trip, points, contacts, stands)
 
 
-def _entry_gradient(
+def entry_gradient(
     setup: Setup, trip: Trajectory, points: TripPoints, contacts: ZoneContacts, stands: Mask | None = None
 ) -> Array:
     """Gradient of entries, (m, step), at points of a trip."""

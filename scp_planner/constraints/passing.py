@@ -89,7 +89,8 @@ class InTime(Constraint):
 
 def passing(setup: Setup) -> Iterator[Constraint]:
     """Make the constraints of the places to pass, if there are any."""
-    goals, guide, space = setup.scenario.goals, setup.space.guide, setup.space
+    guide, space = setup.space.guide, setup.space
+    goals = [one for one in setup.scenario.goals if one.target is None]
     if not goals:
         return
     places = setup.frame.to_frame(np.array([one.position for one in goals]))
@@ -130,16 +131,7 @@ def stations_of(guide: Guide, places: Array) -> Array:
     count = min(max(2, round(guide.length / PASSING.step)), PASSING.most)
     stations = np.linspace(0.0, guide.length, count + 1)
     away = ((places[:, None] - guide.frame(stations).position) ** 2).sum(axis=2)
-    least, chosen = away[0], list[Array]()
-    for row in away[1:]:
-        best = np.minimum.accumulate(least)
-        leads = np.where(least <= best, np.arange(count + 1), 0)
-        chosen.append(np.maximum.accumulate(leads))
-        least = best + row
-    found = [int(np.argmin(least))]
-    for before in reversed(chosen):
-        found.append(int(before[found[-1]]))
-    nearest = stations[found[::-1]]
+    nearest = stations[in_order(away)]
     for _ in range(2):
         frame = guide.frame(nearest)
         relative = places - frame.position
@@ -147,3 +139,18 @@ def stations_of(guide: Guide, places: Array) -> Array:
         step = along / np.maximum(1.0 - frame.curvature * across, 0.1)
         nearest = np.clip(nearest + np.clip(step, -PASSING.step, PASSING.step), 0.0, guide.length)
     return nearest
+
+
+def in_order(costs: Array) -> Index:
+    """Columns, one for each row of costs, (K, n), none before the one of the row before, of the least sum: (K,)."""
+    columns = np.arange(costs.shape[1])
+    least, chosen = costs[0], list[Array]()
+    for row in costs[1:]:
+        best = np.minimum.accumulate(least)
+        leads = np.where(least <= best, columns, 0)
+        chosen.append(np.maximum.accumulate(leads))
+        least = best + row
+    found = [int(np.argmin(least))]
+    for before in reversed(chosen):
+        found.append(int(before[found[-1]]))
+    return np.array(found[::-1])

@@ -14,6 +14,7 @@ from scp_planner.constraints.drive import top_speed
 from scp_planner.constraints.goals import goal_speed, open_goal
 from scp_planner.constraints.jerk import jerk
 from scp_planner.constraints.lateral import lateral_acceleration
+from scp_planner.constraints.meeting import meetings
 from scp_planner.constraints.passing import passing
 from scp_planner.constraints.power import power
 from scp_planner.constraints.setup import Setup
@@ -32,6 +33,7 @@ CONSTRAINTS: dict[str, Maker] = {
     "earliest arrival": earliest_arrival,
     "goal": open_goal,
     "goals": passing,
+    "goals met": meetings,
     "speed_limits": speed_limits,
     "jerk": jerk,
     "curvature_rate": curvature_rate,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.errors import ScenarioError
 from scp_planner.mathematics.occupancy import OccupancyMap
-from scp_planner.online.arguments import ground_given
+from scp_planner.online.arguments import check_places, ground_given
 from scp_planner.online.perception import Perception
 from scp_planner.online.remaining import State
 from scp_planner.scenario.models import Goal, Ground, Passage, Scenario
@@ -151,6 +151,7 @@ class Changeable(Perception):
             asked: Scenario = changed(Underway(**{**dict(self._asked), **now}), ground=ground)
         except ScenarioError as error:
             raise ScenarioError(call, error.faults) from None
+        check_places(call, asked)
         asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))
         inside = self._units.scenario(asked)
         with self._inbox.work:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.mathematics.occupancy import NAME
-from scp_planner.online.arguments import _point, check_number, direction, speeding
+from scp_planner.online.arguments import _point, check_number, check_places, direction, speeding
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.changeable import Changeable
 from scp_planner.online.decision import Decision
@@ -86,6 +86,8 @@ class Planner(Changeable):
     ------
     ValueError
         If no solver has that name, or there is a tube and a tracking error.
+    ScenarioError
+        If places to pass on the way move, or may be passed in any order.
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     """
@@ -99,6 +101,7 @@ class Planner(Changeable):
         tube: TrackingTube | None = None,
     ) -> None:
         units = NaturalUnits.of(scenario)
+        check_places(type(self).__name__, scenario)
         settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None

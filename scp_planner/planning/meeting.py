@@ -9,15 +9,17 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import HasTrip
+from scp_planner.certificate.passing import passes_of
 from scp_planner.certificate.tolerances import END_TOLERANCE
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.target import TargetMotion
+from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Arrival of a plan at the target of its scenario.
+    """Arrival of a plan at a target of its scenario, or at a place to pass.
 
     Attributes
     ----------
@@ -26,9 +28,9 @@ class Meeting:
     place, velocity : tuple of float
         Of the target at that time, with the goal's offset, m and m/s; of a target that is estimated, the mean.
     distance : float
-        From the place to the end of the plan, m.
+        From the place to the vehicle, m.
     probability : float
-        With which the target is within the goal's radius of the end of the plan: 1 or 0 of a motion that is known.
+        With which the target is within its radius, m, of the vehicle then: 1 or 0 of a motion that is known.
     """
 
     time: float
@@ -57,11 +59,37 @@ def meeting(scenario: Scenario, plan: HasTrip) -> Meeting:
     ValueError
         If the goal of the scenario has no target.
     """
-    target = TargetMotion.of(scenario)
+    target, trip = TargetMotion.of(scenario), plan.trip
     if target is None:
         raise ValueError("scenario.goal.target: null; the goal of this scenario stands")
-    trip, radius = plan.trip, scenario.goal.radius
-    time = trip.frame.time + trip.trajectory.travel_time
+    return _met(scenario, trip, trip.frame.time + trip.trajectory.travel_time, target, scenario.goal.radius)
+
+
+def meetings(scenario: Scenario, plan: HasTrip) -> dict[int, Meeting]:
+    """Tell when and where a plan passes places and meets targets on the way, each for the first time in its order.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With ``goals``.
+    plan : Plan
+        Or whatever else has a ``trip``.
+
+    Returns
+    -------
+    dict of int to Meeting
+        By the number of each of ``goals``, the first one 0, in the order in which they are passed.
+    """
+    found = dict[int, Meeting]()
+    for one in sorted(passes_of(plan.trip, scenario), key=lambda one: one.time):
+        if one.passed:
+            goal = scenario.goals[one.number]
+            target = TargetMotion.of(scenario, goal) or TargetMotion.standing(goal.position)
+            found[one.number] = _met(scenario, plan.trip, one.time, target, goal.within(scenario.vehicle))
+    return found
+
+
+def _met(scenario: Scenario, trip: Trip, time: float, target: TargetMotion, radius: float) -> Meeting:
     points, _ = trip.at(np.array([time]))
     away = trip.frame.to_world(points.path.position)[0] - np.array(target.place(time))
     distance, covariance = float(np.hypot(*away)), target.covariance(time)

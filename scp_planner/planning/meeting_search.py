@@ -185,7 +185,7 @@ class MeetingSearch:
 
     def _clear(self, times: Array) -> Mask:
         """True at each time after the start, (n,) s, at which no zone covers the place to meet."""
-        places = self._frame.to_frame(self.target.centers.grid(self._frame.time + times)[:, 0])
+        places = self._frame.to_frame(self.target.places(self._frame.time + times))
         clear: Mask = self._zones.distances(times, places).min(axis=1) > 0.0
         return clear
 

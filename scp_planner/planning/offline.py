@@ -22,7 +22,7 @@ from scp_planner.planning.meeting_search import MeetingSearch
 from scp_planner.planning.over_map import plan_over_map
 from scp_planner.planning.over_places import plan_over_places
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.planning.refinements import at_any_time, on_a_step, refinements, with_short_spans
+from scp_planner.planning.refinements import at_any_time, from_trip, on_a_step, refinements, with_short_spans
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import ways_round
@@ -134,17 +134,20 @@ def planned(
     thorough: bool = True,
     threat_zones: Sequence[ThreatZone] | None = None,
     along: Array | None = None,
+    begin: Trip | None = None,
 ) -> Plan:
     """Plan a trip without a tube round it, see :func:`plan`; among zones that are at hand, if there are some.
 
-    A route from start to goal, (n, 2) m, is driven ``along`` at first.
+    A route from start to goal, (n, 2) m, is driven ``along`` at first; or a trip is where the search begins and ends.
     """
     began = perf_counter()
     settings = settings or Settings()
     if scenario.goals and scenario.guide is None:
 
-        def guided(one: Scenario, left: float | None) -> Plan:
-            return planned(one, settings, solver, left, constraints, thorough=thorough, threat_zones=threat_zones)
+        def guided(one: Scenario, left: float | None, begin: Trip | None) -> Plan:
+            return planned(
+                one, settings, solver, left, constraints, thorough=thorough, threat_zones=threat_zones, begin=begin
+            )
 
         return plan_over_places(scenario, settings, guided, time_limit)
     if constraints is not None and solver is None and settings.solver == Settings.solver:
@@ -161,11 +164,9 @@ def planned(
     if target is not None:
         least = kinematic_bound(inside)
         return _told(scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, began)
-    if along is not None:
-        search = TripSearch(CheckedRuns(task, guide_on(task, (along - units.origin) / units.length)))
-        search.walk(attempts(search, None, along=False))
-        assert search.best is not None, "the first run is never cut off"
-        return _told(scenario, search.lower_bound, on_a_step(task, inside, search.best), units, began)
+    known = _from_what_is_known(task, units, along, begin)
+    if known is not None and known.best is not None:
+        return _told(scenario, known.lower_bound, on_a_step(task, inside, known.best), units, began)
     runs = CheckedRuns(task)
     routes = None if constraints is not None else Routes.of(runs.everything, task.deadline)
     first = None if routes is None else routes.first_beside(runs.everything.space.guide)
@@ -188,6 +189,20 @@ def planned(
     if made.reason is None or routes is None:
         return made
     return replace(made, reason=made.reason + routes.told(scenario, units))
+
+
+def _from_what_is_known(task: Task, units: NaturalUnits, along: Array | None, begin: Trip | None) -> TripSearch | None:
+    """Search along a route or from a trip, if there is one."""
+    if begin is not None:
+        search = from_trip(task, begin.inside(units).trajectory)
+        search.walk(refinements(task))
+        return search
+    if along is None:
+        return None
+    search = TripSearch(CheckedRuns(task, guide_on(task, (along - units.origin) / units.length)))
+    search.walk(attempts(search, None, along=False))
+    assert search.best is not None, "the first run is never cut off"
+    return search
 
 
 def _fastest(task: Task, known: ScpRun | None) -> ScpRun | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import dist, inf
 from time import perf_counter
 
 import numpy as np
@@ -15,30 +16,95 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.taut import TautLines
 from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.plan import Plan
+from scp_planner.planning.visits import Visit, fixed, visits
 from scp_planner.problem.guides import over_places
 from scp_planner.routes.outlines import polygons_around, standing_shapes
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.trip import Trip
 
-PlanOne = Callable[[Scenario, float | None], Plan]
-"""Plans a trip along the guide of a scenario within a wall time, s."""
+
+@dataclass(frozen=True)
+class OverPlacesSettings:
+    """Work of a plan over places."""
+
+    orders: int = 3  # that are planned, where any will do
+    rounds: int = 4  # to targets that move, at most
+    slow: float = 1.05  # times the time that is expected of a trip, from which on other guides are tried, too
+    near: float = 0.3  # units of length, from where a target was taken to be, for a trip that is led to where it is
+
+
+OVER_PLACES = OverPlacesSettings()
+PlanOne = Callable[[Scenario, float | None, Trip | None], Plan]
+"""Plans a trip along the guide of a scenario within a wall time, s; from a trip over it, if there is one."""
 
 
 def plan_over_places(scenario: Scenario, settings: Settings, plan_one: PlanOne, time_limit: float | None) -> Plan:
-    """Plan over each guide that leads over the places to pass; return the fastest of the certified plans."""
+    """Plan over the places to pass, in the best orders; return the fastest of the certified plans.
+
+    Targets stand at first where they are about when they are met, and then move: the trip over those places is led to
+    where they really are. Where that fails, it says when they are met, and they stand there for the next one.
+    """
     began, made = perf_counter(), list[Plan]()
-    legs = _legs(scenario, settings, np.inf if time_limit is None else began + time_limit)
-    guided = over_places(scenario, legs)
-    for number, one in enumerate(guided):
-        left = None if time_limit is None else max(time_limit - (perf_counter() - began), 0.0) / (len(guided) - number)
-        made.append(plan_one(one, left))
-    best = min(made, key=lambda plan: (not plan.certified, plan.travel_time))
+    deadline = inf if time_limit is None else began + time_limit
+    asked = visits(scenario, OVER_PLACES.orders)
+    for place, visit in enumerate(asked):
+        best = min(made, key=_rank, default=None)
+        if best is not None and (perf_counter() > deadline or (best.certified and best.travel_time <= visit.arrival)):
+            break
+        share = deadline if time_limit is None else began + time_limit * (place + 1) / len(asked)
+        made += _in_order(scenario, visit, settings, plan_one, share)
     iterations = sum(plan.iterations for plan in made)
+    best = min((one for one in made if one.planned is not None), key=_rank)
     return replace(best, planned=scenario, iterations=iterations, wall_time=perf_counter() - began)
+
+
+def _in_order(
+    scenario: Scenario, visit: Visit, settings: Settings, plan_one: PlanOne, deadline: float
+) -> Iterator[Plan]:
+    """Plan over the places in one order until a plan is certified; of those to where targets stand tell the work."""
+    moves = any(one.target is not None for one in scenario.goals)
+
+    def planned(one: Scenario, parts: int, begin: Trip | None = None) -> Plan:
+        left = None if deadline == inf else max(deadline - perf_counter(), 0.0) / parts
+        return plan_one(one, left, begin)
+
+    best_guide = 0
+    for number in range(OVER_PLACES.rounds):
+        one, found = visit.taken(scenario), dict[int, Plan]()
+        guided = over_places(fixed(one), _legs(one, settings, deadline))
+        for place in sorted(range(len(guided)), key=lambda place: place != best_guide):
+            if number == 0 or not any(_expected(each, visit) for each in found.values()):
+                found[place] = planned(guided[place], len(guided) - len(found) + moves)
+        best_guide = min(found, key=lambda place: _rank(found[place]))
+        nearest = found[best_guide]
+        if not moves:
+            yield from found.values()
+            return
+        yield from (replace(each, planned=None) for each in found.values())
+        visit = visit.led_by(one, nearest.trip)
+        again = visit.taken(scenario)
+        moved = max(dist(a.position, b.position) for a, b in zip(one.goals, again.goals, strict=True))
+        last = number + 1 == OVER_PLACES.rounds or perf_counter() > deadline
+        if moved > OVER_PLACES.near * NaturalUnits.of(one).length and not last:
+            continue
+        assert nearest.planned is not None
+        led = planned(changed(one, guide=nearest.planned.guide), 1, nearest.trip)
+        yield led
+        if led.certified or last or moved == 0.0:
+            return
+
+
+def _expected(plan: Plan, visit: Visit) -> bool:
+    return plan.certified and plan.travel_time <= OVER_PLACES.slow * visit.arrival
+
+
+def _rank(plan: Plan) -> tuple[bool, float]:
+    return not plan.certified, plan.travel_time
 
 
 def _legs(scenario: Scenario, settings: Settings, deadline: float) -> list[Array]:

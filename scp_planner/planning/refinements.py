@@ -105,6 +105,19 @@ def refinements(task: Task) -> list[Refinement]:
     ]
 
 
+def from_trip(task: Task, trip: Trajectory) -> TripSearch:
+    """Return a search over the guide of a trip that has gone on from it, and knows no other one."""
+    space = trip.space
+    runs = CheckedRuns(task, space.guide, _breakpoints_of(space), len(space.path.widths))
+    theta, ends = trip.theta.copy(), runs.problem.ends
+    theta[: ends.free.start], theta[ends.free.stop :] = ends.theta[: ends.free.start], ends.theta[ends.free.stop :]
+    search = TripSearch(runs)
+    search.best = runs.attempt(
+        Trajectory.of(runs.problem.space, theta, trip.beta, trip.travel_time), loop=runs.patient_loop
+    )
+    return search
+
+
 class Refinement(Attempt[TripSearch, ScpRun]):
     """Goes on from the best trip over another problem, while that makes it much faster or certified."""
 

@@ -16,6 +16,7 @@ from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import lengths_along, points_at
+from scp_planner.planning.meeting import meetings
 from scp_planner.plotting.borders import body_of, turned, vehicle_rectangle
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, followed, limits_at, stretches
@@ -29,7 +30,7 @@ from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
-    from scp_planner.scenario.models import Obstacle, Scenario, Vehicle
+    from scp_planner.scenario.models import Obstacle, Passage, Scenario, Vehicle
 
 Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
 """True motions of obstacles by id: a function from times (n,) s to centres (n, 2) m, or the two arrays."""
@@ -190,7 +191,8 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     span = plan.start_time, plan.arrival_time
     time = np.linspace(*span, times) if isinstance(times, int) else np.asarray(times, dtype=float)
     asked = tracked(scenario)
-    scenario = changed(asked, goal=goal_on_arrival(scenario, plan.arrival_time))  # whom it meets is drawn, too
+    # Whom it meets is drawn, too
+    scenario = changed(asked, goal=goal_on_arrival(scenario, plan.arrival_time), goals=_passed(scenario, plan))
     met = whom_it_touches(asked)
     truth = dict(truth or {})
     if unknown := sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles}):
@@ -208,11 +210,18 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
             vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
         ),
         obstacles=tuple(
-            replace(one, clearance=np.full(len(time), np.nan)) if one.id == met else one
+            replace(one, clearance=np.full(len(time), np.nan)) if one.id in met else one
             for one in _record_obstacles(scenario, time, position, heading, truth)
         ),
         **scene_of(scenario),
     )
+
+
+def _passed(scenario: Scenario, plan: Plan) -> tuple[Passage, ...]:
+    """The places to pass, with targets where a plan meets them."""
+    found = meetings(scenario, plan) if any(one.target is not None for one in scenario.goals) else {}
+    places = ((one, found[k].place if k in found else one.position) for k, one in enumerate(scenario.goals))
+    return tuple(changed(one, target=None, offset=(0.0, 0.0), position=place) for one, place in places)
 
 
 def record_course(scenario: Scenario, times: int) -> Recording:

@@ -12,6 +12,8 @@ from scp_planner.scenario.motions import Futures
 from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.validation import Objection
 
+MOST_IN_ANY_ORDER = 8  # places to pass in any order
+
 
 def goal_is_elsewhere(scenario: Any) -> Iterator[Objection]:
     """The goal, with its radius, does not hold the start."""
@@ -64,11 +66,10 @@ def places_can_be_passed(scenario: Any) -> Iterator[Objection]:
             yield Objection(("goals",), len(scenario.goals), f"must be empty where {why}")
     places = [scenario.start.position, *(one.position for one in scenario.goals), scenario.goal.position]
     for i, one in enumerate(scenario.goals):
+        if one.target is not None:
+            continue
         if same_place(places[i], one.position) or (i + 1 == len(scenario.goals) and same_place(*places[i + 1 :])):
             yield Objection(("goals", i, "position"), one.position, "must differ from the places before and after it")
-        if one.latest_arrival is not None and one.latest_arrival <= scenario.start.time:
-            text = f"must be later than start.time, {scenario.start.time:g} s"
-            yield Objection(("goals", i, "latest_arrival"), one.latest_arrival, text)
         if bounds is None:
             continue
         sides = zip(one.position, bounds.min, bounds.max, strict=True)
@@ -76,6 +77,21 @@ def places_can_be_passed(scenario: Any) -> Iterator[Objection]:
         if math.dist(inside, one.position) > one.within(vehicle):
             text = f"must be at most {one.within(vehicle):g} m, its radius, from where the bounds let the vehicle be"
             yield Objection(("goals", i, "position"), one.position, text)
+
+
+def places_are_in_time(scenario: Any) -> Iterator[Objection]:
+    """Places are passed after the start; of those in any order there are not too many, and no guide leads over them."""
+    count, start = len(scenario.goals), scenario.start.time
+    for i, one in enumerate(scenario.goals):
+        if one.latest_arrival is not None and one.latest_arrival <= start:
+            text = f"must be later than start.time, {start:g} s"
+            yield Objection(("goals", i, "latest_arrival"), one.latest_arrival, text)
+    if scenario.goals_order == "given":
+        return
+    if count > MOST_IN_ANY_ORDER:
+        yield Objection(("goals",), count, f"must be at most {MOST_IN_ANY_ORDER} where goals_order is fastest")
+    if scenario.guide is not None:
+        yield Objection(("guide",), scenario.guide, "must be null where goals_order is fastest")
 
 
 def arrival_is_possible(goal: Any) -> Iterator[Objection]:
@@ -122,33 +138,34 @@ def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
 
 def target_leaves_the_rest_open(goal: Any) -> Iterator[Objection]:
     """A goal that moves has no region and no step of time; one whose velocity is matched has no speed or heading."""
+    matches = getattr(goal, "match_velocity", False)
     if goal.target is None:
-        for key, nothing in (("offset", (0.0, 0.0)), ("match_velocity", False)):
-            value = getattr(goal, key)
-            if tuple(value) != nothing if key == "offset" else value:
+        for key, value, given in (("offset", goal.offset, any(goal.offset)), ("match_velocity", matches, matches)):
+            if given:
                 yield Objection((key,), value, "must be left out where there is no target")
         return
-    matched = ("heading", "speed", "heading_range", "speed_range") if goal.match_velocity else ()
+    matched = ("heading", "speed", "heading_range", "speed_range") if matches else ()
     for key, why in (
         *((key, "a target") for key in ("region", "arrival_step")),
         *((key, "match_velocity") for key in matched),
     ):
-        value = getattr(goal, key)
+        value = getattr(goal, key, None)
         if value is not None:
             yield Objection((key,), value, f"must be null where {why} is given")
 
 
 def target_is_known(scenario: Any) -> Iterator[Objection]:
-    """A target that is an obstacle is one of the scenario, in one future; guide and speed limits lead elsewhere."""
-    target = scenario.goal.target
-    if target is None:
+    """Targets that are obstacles are some of the scenario, in one future; guide and speed limits lead elsewhere."""
+    known = {obstacle.id: obstacle for obstacle in scenario.obstacles}
+    goals = [(("goals", i), one) for i, one in enumerate(scenario.goals)]
+    for location, goal in [(("goal",), scenario.goal), *goals]:
+        name = None if goal.target is None else goal.target.obstacle
+        if name is not None and name not in known:
+            yield Objection((*location, "target"), name, "there is no obstacle of this id")
+        elif name is not None and isinstance(known[name].motion, Futures):
+            yield Objection((*location, "target"), name, "must not be an obstacle of several futures")
+    if scenario.goal.target is None:
         return
-    if target.obstacle is not None:
-        known = {obstacle.id: obstacle for obstacle in scenario.obstacles}
-        if target.obstacle not in known:
-            yield Objection(("goal", "target"), target.obstacle, "there is no obstacle of this id")
-        elif isinstance(known[target.obstacle].motion, Futures):
-            yield Objection(("goal", "target"), target.obstacle, "must not be an obstacle of several futures")
     if scenario.guide is not None:
         yield Objection(("guide",), scenario.guide, "must be null where the goal has a target")
     for i, limit in enumerate(scenario.speed_limits):

@@ -19,15 +19,18 @@ def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
 
 
 def with_aim(data: Any) -> Any:
-    """Return the data of a scenario with the position that its goal is aimed at: by its region, or by its target."""
-    goal, start = (data.get(key) if isinstance(data, Mapping) else None for key in ("goal", "start"))
+    """Return the data of a scenario with the positions that its goals are aimed at: by its region, or by a target."""
+    if not isinstance(data, Mapping):
+        return data
+    goal, start, places = (data.get(key) for key in ("goal", "start", "goals"))
+    if isinstance(places, Sequence) and not isinstance(places, str):
+        aimed = [_by_target(one, data) for one in places]
+        if any(one is not given for one, given in zip(aimed, places, strict=True)):
+            data = {**data, "goals": aimed}
     if not isinstance(goal, Mapping) or goal.get("position") is not None:
         return data
     if goal.get("target") is not None:
-        vehicle = data.get("vehicle")
-        speed = vehicle.get("max_speed") if isinstance(vehicle, Mapping) else getattr(vehicle, "max_speed", None)
-        place = about_where(goal["target"], data.get("obstacles"), start, speed)
-        return data if place is None else {**data, "goal": {**goal, "position": place}}
+        return {**data, "goal": _by_target(goal, data)}
     if goal.get("region") is None:
         return data
     begin = start.get("position") if isinstance(start, Mapping) else getattr(start, "position", None)
@@ -39,6 +42,16 @@ def with_aim(data: Any) -> Any:
     if len(region) < 3 or planar.area(region) == 0.0 or planar.first_crossing(region) is not None:
         return data
     return {**data, "goal": {**goal, "position": aim_at(region, (x, y))}}
+
+
+def _by_target(goal: Any, data: Mapping[str, Any]) -> Any:
+    """A goal, or a place to pass, with the position of its target about where that can be met."""
+    if not isinstance(goal, Mapping) or goal.get("position") is not None or goal.get("target") is None:
+        return goal
+    vehicle = data.get("vehicle")
+    speed = vehicle.get("max_speed") if isinstance(vehicle, Mapping) else getattr(vehicle, "max_speed", None)
+    place = about_where(goal["target"], data.get("obstacles"), data.get("start"), speed)
+    return goal if place is None else {**goal, "position": place}
 
 
 def distance_outside(region: Sequence[planar.Point], point: planar.Point) -> float:

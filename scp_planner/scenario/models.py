@@ -28,14 +28,16 @@ from scp_planner.scenario import checks, goal_checks
 from scp_planner.scenario.goals import with_aim
 from scp_planner.scenario.ground import Ground as Ground
 from scp_planner.scenario.ground import read_ground
-from scp_planner.scenario.motions import all_timed, timed
+from scp_planner.scenario.motions import all_timed
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.obstacles import Model as Model
 from scp_planner.scenario.obstacles import Observations as Observations
 from scp_planner.scenario.obstacles import Obstacle as Obstacle
 from scp_planner.scenario.obstacles import Prior as Prior
+from scp_planner.scenario.passages import Order as Order
+from scp_planner.scenario.passages import Passage as Passage
 from scp_planner.scenario.process_model import read_processes
-from scp_planner.scenario.targets import Target, as_target
+from scp_planner.scenario.targets import Target, as_target, target_timed
 from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, RateNumber, Text, Vector
 
@@ -194,30 +196,6 @@ class Goal(Part):
     )
 
 
-class Passage(Part):
-    """Place to pass on the way to the goal, at any speed."""
-
-    rules: ClassVar[tuple[Rule, ...]] = (goal_checks.arrival_is_possible, goal_checks.ranges_are_not_empty)
-
-    position: OfNumbers[Vector] = Field(description="[x, y], m")
-    radius: Positive | None = Field(
-        default=None, description="how near to it the reference point comes, m; null: the vehicle's radius"
-    )
-    heading_range: TakenAs[tuple[Number, Number] | None, Numbers | None] = by_default(
-        None, description="[least, largest] heading there, rad, to the left from the least one; null: any"
-    )
-    earliest_arrival: Number | None = Field(
-        default=None, description="it is passed not before this time, s on the clock of start.time; null: any"
-    )
-    latest_arrival: Number | None = Field(
-        default=None, description="and not after this time, s on the clock of start.time; null: any"
-    )
-
-    def within(self, vehicle: Vehicle) -> float:
-        """Return how near to it a vehicle has to come, m."""
-        return vehicle.radius if self.radius is None else self.radius
-
-
 class Bounds(Part):
     """The box, along the axes, that the vehicle's disc stays inside."""
 
@@ -306,6 +284,7 @@ class Scenario(Part):
         checks.start_is_in_bounds,
         checks.goal_is_in_bounds,
         goal_checks.places_can_be_passed,
+        goal_checks.places_are_in_time,
         checks.guide_begins_at_start,
         checks.guide_ends_at_goal,
         checks.guide_moves_on,
@@ -335,7 +314,14 @@ class Scenario(Part):
     start: OfParts[Start]
     goal: OfParts[Goal]
     goals: TakenAs[Row[Passage], Sequence[Passage | Mapping[str, Any]]] = by_default(
-        (), description="places to pass on the way to the goal, in this order; without a guide the path leads over them"
+        (),
+        description="places to pass, or targets to meet, on the way to the goal; without a guide the path leads over"
+        " them",
+    )
+    goals_order: TakenAs[Order, Order | str] = by_default(
+        Order.GIVEN,
+        description="given: the places are passed in the order in which they are listed; fastest: in that which is"
+        f" fastest, of {goal_checks.MOST_IN_ANY_ORDER} places at most",
     )
     guide: TakenAs[
         Annotated[Polyline | None, BeforeValidator(_sampled)], Numbers | Callable[[float], Numbers] | None
@@ -380,13 +366,14 @@ class Scenario(Part):
     @classmethod
     def _target_timed(cls, goal: Goal, info: ValidationInfo) -> Goal:
         """A target whose motion does not say when it holds, is there at the start."""
-        start, target = info.data.get("start"), goal.target
-        if start is None or target is None or target.motion is None:
-            return goal
-        motion = timed(target.motion, start.time)
-        if motion is target.motion:
-            return goal
-        return goal.model_copy(update={"target": target.model_copy(update={"motion": motion})})
+        start = info.data.get("start")
+        return goal if start is None else target_timed(goal, start.time)
+
+    @field_validator("goals")
+    @classmethod
+    def _targets_timed(cls, goals: Row[Passage], info: ValidationInfo) -> Row[Passage]:
+        start = info.data.get("start")
+        return goals if start is None else tuple(target_timed(one, start.time) for one in goals)
 
     @field_validator("obstacles")
     @classmethod

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BeforeValidator, Field
 
 from scp_planner.errors import MISSING
 from scp_planner.scenario import ready_made
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.motions import KnownMotion
+from scp_planner.scenario.motions import KnownMotion, timed
 from scp_planner.scenario.obstacle_checks import enough_observations, no_prior_of_an_estimate
 from scp_planner.scenario.obstacles import Model, Observations
 from scp_planner.scenario.validation import Objection, OfParts, Part, Rule, TakenAs, by_default
 from scp_planner.scenario.values import Text
 
+PartT = TypeVar("PartT", bound=Part)
 _FORMS = ("motion", "observations", "estimate", "obstacle")
 
 
@@ -59,6 +60,15 @@ def as_target(data: Any) -> Any:
     if isinstance(data, Mapping) and "course" in data and "motion" not in data:
         return {**{key: value for key, value in data.items() if key != "course"}, "motion": data["course"]}
     return data
+
+
+def target_timed(goal: PartT, time: float) -> PartT:
+    """Return a goal or a place whose target's motion, if it does not say when it holds, holds at a time, s."""
+    target = _field(goal, "target")
+    motion = None if target is None or target.motion is None else timed(target.motion, time)
+    if motion is None or motion is target.motion:
+        return goal
+    return goal.model_copy(update={"target": target.model_copy(update={"motion": motion})})
 
 
 def obstacle_met(goal: Any) -> str | None:

@@ -216,6 +216,8 @@ class NaturalUnits(Units):
             one,
             position=self.place(one.position),
             radius=over(one.radius, self.length),
+            target=None if one.target is None else self._target(one.target),
+            offset=over(one.offset, self.length),
             earliest_arrival=None if one.earliest_arrival is None else self.instant(one.earliest_arrival),
             latest_arrival=None if one.latest_arrival is None else self.instant(one.latest_arrival),
         )

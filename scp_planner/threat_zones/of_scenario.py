@@ -20,7 +20,7 @@ from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.tolerances import STRAIGHT
 from scp_planner.pauses import GoOn, with_pauses
-from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
+from scp_planner.scenario.models import Confidence, Goal, Model, Obstacle, Passage, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits, changed
@@ -131,25 +131,30 @@ class ZonesOf(SortedZones):
         return self._made[index]
 
 
-def whom_it_touches(scenario: Scenario) -> str | None:
-    """Id of the obstacle that is the goal's target, where the vehicle is to come as near as to touch it."""
-    goal = scenario.goal
-    met = None if goal.target is None else goal.target.obstacle
-    touched = (one.id for one in scenario.obstacles if one.id == met and is_touched(scenario, one.shape, one.margin))
-    return next(touched, None)
+def whom_it_touches(scenario: Scenario) -> frozenset[str]:
+    """Ids of obstacles that are targets, where the vehicle is to come as near as to touch them."""
+    goals: list[Goal | Passage] = [scenario.goal, *scenario.goals]
+    met = [(one.target.obstacle, one) for one in goals if one.target is not None]
+    return frozenset(
+        one.id
+        for one in (scenario.obstacles if met else ())
+        if any(name == one.id and is_touched(scenario, one.shape, one.margin, goal) for name, goal in met)
+    )
 
 
 def _without_whom_it_meets(scenario: Scenario) -> Scenario:
     met = whom_it_touches(scenario)
-    if met is None:
-        return scenario
-    return changed(scenario, obstacles=tuple(one for one in scenario.obstacles if one.id != met))
+    return (
+        changed(scenario, obstacles=tuple(one for one in scenario.obstacles if one.id not in met)) if met else scenario
+    )
 
 
-def is_touched(scenario: Scenario, shape: Shape, margin: float = 0.0) -> bool:
+def is_touched(scenario: Scenario, shape: Shape, margin: float = 0.0, goal: Goal | Passage | None = None) -> bool:
     """True if the vehicle is to come as near to a target of a shape as to touch it."""
-    reach = scenario.vehicle.radius + scenario.goal.radius + margin + covering_radius(shape)
-    return hypot(*scenario.goal.offset) <= reach
+    goal = goal or scenario.goal
+    radius = goal.within(scenario.vehicle) if isinstance(goal, Passage) else goal.radius
+    reach = scenario.vehicle.radius + radius + margin + covering_radius(shape)
+    return hypot(*goal.offset) <= reach
 
 
 def _first_of_each(obstacles: int, made: Mapping[int, Sequence[ThreatZone]]) -> Index:

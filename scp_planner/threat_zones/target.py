@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import atan2, hypot
+from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.scenario.models import Confidence, ConfidenceLevel, Goal, Obstacle, Scenario
+from scp_planner.scenario.models import Confidence, ConfidenceLevel, Goal, Obstacle, Passage, Scenario
 from scp_planner.scenario.shapes import Disc
 from scp_planner.scenario.targets import Target
 from scp_planner.scenario.units import changed
@@ -27,9 +28,10 @@ class TargetMotion:
     covariances: PiecewisePolynomials | None = None  # (xx, xy, yy), m^2; None where the motion is known
 
     @classmethod
-    def of(cls, scenario: Scenario) -> TargetMotion | None:
-        """Return the motion of a scenario's target; None of a goal that stands."""
-        target, goal = scenario.goal.target, scenario.goal
+    def of(cls, scenario: Scenario, goal: Goal | Passage | None = None) -> TargetMotion | None:
+        """Return the motion of the target of a scenario's goal, or of a place to pass; None where that stands."""
+        goal = goal or scenario.goal
+        target = goal.target
         if target is None:
             return None
         if target.obstacle is not None:
@@ -38,10 +40,17 @@ class TargetMotion:
             source = _as_obstacle(target, POINT)
         alone = changed(source, shape=POINT, margin=0.0)
         one_time = Confidence(probability=0.95, level=ConfidenceLevel.PER_TIME)
-        standing = changed(goal, target=None)
-        bare = changed(scenario, goal=standing, obstacles=(alone,), corridor=None, walls=(), confidence=one_time)
+        standing = changed(scenario.goal, target=None)
+        bare = changed(
+            scenario, goal=standing, goals=(), obstacles=(alone,), corridor=None, walls=(), confidence=one_time
+        )
         (zone,) = ZonesOf(bare)
         return cls.seen_as(zone, goal.offset, one_time.probability)
+
+    @classmethod
+    def standing(cls, position: tuple[float, float]) -> TargetMotion:
+        """Return the motion of what stands at a position."""
+        return cls(PiecewisePolynomials.single(0.0, np.array([position])))
 
     @classmethod
     def seen_as(cls, zone: ThreatZone, offset: tuple[float, float], probability: float = 0.95) -> TargetMotion:
@@ -53,6 +62,10 @@ class TargetMotion:
             scale = NormalErrors().pointwise_scale(1.0 - probability)
             spread = PiecewisePolynomials(spread.breakpoints, spread.coefficients / scale)
         return cls((zone.expected or zone.centers).plus(offset), spread)
+
+    def places(self, times: Array) -> Array:
+        """Return the places at absolute times, (n,) s to (n, 2) m."""
+        return self.centers.grid(times)[:, 0]
 
     def place(self, time: float) -> tuple[float, float]:
         """Return the place at an absolute time."""
@@ -92,18 +105,26 @@ class TargetMotion:
 
 
 def tracked(scenario: Scenario) -> Scenario:
-    """Return a scenario whose target is an obstacle: one named target, of the vehicle's size, where it was none."""
-    target = scenario.goal.target
-    if target is None or target.obstacle is not None:
+    """Return a scenario whose targets are obstacles: those that were none are of the vehicle's size.
+
+    That of the goal is named target, and that of a place to pass by its key, goals[0].
+    """
+    seen = list[Obstacle]()
+    parts: list[Any] = [scenario.goal, *scenario.goals]
+    for number, one in enumerate(parts):
+        if one.target is None or one.target.obstacle is not None:
+            continue
+        name = f"goals[{number - 1}]" if number else "target"
+        seen.append(_as_obstacle(one.target, Disc(disc=scenario.vehicle.radius), name))
+        parts[number] = changed(one, target=Target.model_construct(obstacle=name))
+    if not seen:
         return scenario
-    seen = _as_obstacle(target, Disc(disc=scenario.vehicle.radius))
-    goal = changed(scenario.goal, target=Target.model_construct(obstacle=seen.id))
-    return changed(scenario, goal=goal, obstacles=(*scenario.obstacles, seen))
+    return changed(scenario, goal=parts[0], goals=tuple(parts[1:]), obstacles=(*scenario.obstacles, *seen))
 
 
-def _as_obstacle(target: Target, shape: Disc) -> Obstacle:
+def _as_obstacle(target: Target, shape: Disc, name: str = "target") -> Obstacle:
     parts = {key: getattr(target, key) for key in ("motion", "observations", "estimate", "model")}
-    return Obstacle.model_construct(id="target", shape=shape, margin=0.0, **parts)
+    return Obstacle.model_construct(id=name, shape=shape, margin=0.0, **parts)
 
 
 def goal_on_arrival(scenario: Scenario, time: float) -> Goal:
