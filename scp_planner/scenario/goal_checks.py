@@ -121,7 +121,7 @@ def goal_is_told_once(goal: Any) -> Iterator[Objection]:
 
 def ranges_are_not_empty(goal: Any) -> Iterator[Objection]:
     """A range's first value is not above its second one."""
-    for key in ("heading_range", "speed_range"):
+    for key in ("heading_range", "speed_range", "approach"):
         given = getattr(goal, key, None)
         if given is not None and given[1] < given[0]:
             yield Objection((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
@@ -138,16 +138,19 @@ def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
 
 def target_leaves_the_rest_open(goal: Any) -> Iterator[Objection]:
     """A goal that moves has no region and no step of time; one whose velocity is matched has no speed or heading."""
-    matches = getattr(goal, "match_velocity", False)
+    matches, approach = getattr(goal, "match_velocity", False), getattr(goal, "approach", None)
     if goal.target is None:
-        for key, value, given in (("offset", goal.offset, any(goal.offset)), ("match_velocity", matches, matches)):
+        told = {"offset": (goal.offset, any(goal.offset)), "match_velocity": (matches, matches)}
+        for key, (value, given) in {**told, "approach": (approach, approach is not None)}.items():
             if given:
                 yield Objection((key,), value, "must be left out where there is no target")
         return
-    matched = ("heading", "speed", "heading_range", "speed_range") if matches else ()
+    matched = ("heading", "speed", "heading_range", "speed_range", "approach") if matches else ()
+    approached = ("heading", "heading_range") if approach is not None else ()
     for key, why in (
         *((key, "a target") for key in ("region", "arrival_step")),
         *((key, "match_velocity") for key in matched),
+        *((key, "approach") for key in approached),
     ):
         value = getattr(goal, key, None)
         if value is not None:

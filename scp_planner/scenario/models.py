@@ -191,6 +191,11 @@ class Goal(Part):
         )
     )
     offset: OfNumbers[Vector] = by_default((0.0, 0.0), description="place to meet, seen from the target, [x, y], m")
+    approach: TakenAs[tuple[Number, Number] | None, Numbers | None] = by_default(
+        None,
+        description="[least, largest] heading on arrival, rad, to the left from the target's direction of motion, 0:"
+        " from behind; of a target that stands then, from the x axis; null: any",
+    )
     match_velocity: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="arrive with the velocity of the target"
     )

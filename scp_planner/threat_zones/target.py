@@ -92,9 +92,13 @@ class TargetMotion:
     def goal_at(self, goal: Goal, time: float) -> Goal:
         """Return the goal that stands where the target is to be met at a time."""
         held: dict[str, object] = {"position": self.place(time), "target": None, "offset": (0.0, 0.0)}
-        if goal.match_velocity:
+        if goal.match_velocity or goal.approach is not None:
             u, v = self.velocity(time)
             speed = hypot(u, v)
+        if goal.approach is not None:
+            course = atan2(v, u)
+            held |= {"approach": None, "heading_range": tuple(course + turn for turn in goal.approach)}
+        if goal.match_velocity:
             held |= {"match_velocity": False, "speed": speed, "heading": atan2(v, u) if speed > 0.0 else None}
         return changed(goal, **held)
 

@@ -57,6 +57,14 @@ def test_matched_velocity_is_that_of_the_boat() -> None:
     assert np.hypot(*(driven - true)) < 0.35
 
 
+def test_the_approach_is_by_the_direction_in_which_the_target_moves() -> None:
+    steady = {"position": [12.0, 2.0], "velocity": [0.6, 0.6]}
+    goal = {"radius": 0.5, "approach": [-1.0, -0.4]}
+    run = sp.simulate(scene(boat(steady), **goal), noise=0.05, rate=10, seed=1, time_limit=20)
+    assert run.arrived and away(run) <= 0.5
+    assert -1.05 <= run.heading[-1] - np.pi / 4.0 <= -0.35  # noise turns the estimate
+
+
 def test_target_beside_which_the_goal_is_stays_an_obstacle() -> None:
     run = sp.simulate(scene(boat(), offset=[0.0, -3.0], radius=0.3), noise=0.05, rate=10, seed=1, time_limit=20)
     assert run.arrived and not run.contact

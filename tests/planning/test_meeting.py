@@ -108,6 +108,38 @@ def test_a_plan_that_misses_its_target_is_no_certificate() -> None:
     assert found.violations[0].what == "distance from the goal"
 
 
+@pytest.mark.parametrize(("course", "accelerates"), [(2.0, 0.0), (-2.5, 0.05)])
+def test_the_approach_is_from_the_side_that_is_asked_for(course: float, accelerates: float) -> None:
+    """From behind, within 0.3 rad, by the target's direction of motion on arrival; any other way is no certificate."""
+    velocity = [0.8 * math.cos(course), 0.8 * math.sin(course)]
+    motion = {"position": [12.0, 3.0], "velocity": velocity, "acceleration": [0.0, accelerates]}
+    anyhow = {"target": {"motion": motion}, "radius": 0.3}
+    asked = scenario({**anyhow, "approach": [-0.3, 0.3]}, max_curvature=1.0)
+    plan = sp.plan(asked)
+    ahead = velocity[1] + accelerates * plan.travel_time
+    assert plan.certified
+    turned = float(plan.heading(plan.arrival_time)) - math.atan2(ahead, velocity[0])
+    assert abs(math.remainder(turned, 2.0 * math.pi)) <= 0.3 + 1e-6
+    free = sp.plan(scenario(anyhow, max_curvature=1.0))
+    assert free.travel_time < plan.travel_time
+    assert [one.what for one in sp.certify(asked, free).violations] == ["goal heading"]
+
+
+@pytest.mark.parametrize(
+    ("goal", "key"),
+    [
+        ({"position": [9.0, 0.0], "approach": [-0.3, 0.3]}, "approach"),
+        ({"approach": [0.3, -0.3]}, r"approach\[1\]"),
+        ({"approach": [-0.3, 0.3], "heading_range": [0.0, 1.0]}, "heading_range"),
+        ({"approach": [-0.3, 0.3], "match_velocity": True}, "approach"),
+    ],
+)
+def test_an_approach_that_is_not_allowed_is_refused(goal: dict[str, Any], key: str) -> None:
+    moves = {} if "position" in goal else {"target": {"motion": {"position": [9.0, 0.0], "velocity": [1.0, 0.0]}}}
+    with pytest.raises(sp.ScenarioError, match=rf"goal\.{key}"):
+        scenario({**moves, **goal})
+
+
 def test_a_target_that_gets_away_is_told() -> None:
     given = scenario({"target": {"motion": {"position": [5.0, 0.0], "velocity": [3.1, 0.0]}}})
     plan = sp.plan(given)
