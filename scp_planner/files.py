@@ -104,7 +104,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 
 def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any:
-    """Read a JSON file; one that is none is refused by an error of the kind that is given."""
+    """Read a JSON file; raise an error of a class where the file is not JSON."""
     try:
         return json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also bytes that are no text, and numbers of thousands of digits
@@ -120,7 +120,7 @@ def write_rows(path: str | PathLike[str], kind: type, rows: Iterable[Any], witho
 
 
 def check_suffix(path: str | PathLike[str], suffixes: Sequence[str]) -> str:
-    """Give the suffix of a file to write, in lower case, with its dot."""
+    """Return the suffix of a file to write, in lower case, with its dot; raise a ValueError if it is another one."""
     suffix = Path(path).suffix.lower()
     if suffix not in suffixes:
         raise ValueError(f"{path}: must end in one of {', '.join(suffixes)}")

@@ -17,6 +17,14 @@ VEHICLE = {
     "max_lateral_acceleration": 2.0,
     "max_curvature": 1.0,
 }
+SLOW_VEHICLE = {
+    "radius": 0.3,
+    "max_speed": 2.0,
+    "max_acceleration": 1.0,
+    "max_deceleration": 1.5,
+    "max_lateral_acceleration": 1.5,
+    "max_curvature": 1.5,
+}
 
 
 def disc(

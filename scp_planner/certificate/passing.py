@@ -40,18 +40,6 @@ class Pass:
     passed: bool
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A place to pass, or a target to meet."""
-
-    asked: Passage
-    target: TargetMotion | None
-
-    def at(self, times: Array) -> Array:
-        """Return its places, (n, 2) m, or the one of them, (2,) m."""
-        return np.array(self.asked.position) if self.target is None else self.target.places(times)
-
-
 def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tuple[Pass, ...]:
     """Pass the places of a scenario between two times; the last pass may be one of a place that is missed.
 
@@ -59,13 +47,13 @@ def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tupl
     """
     found, since = list[Pass](), begin
     for number, asked in enumerate(scenario.goals):
-        one = _Place(asked, TargetMotion.of(scenario, asked))
+        target = TargetMotion.met(scenario, asked)
         begin = since if scenario.goals_order is Order.FASTEST or not found else found[-1].time
         first = begin if asked.earliest_arrival is None else asked.earliest_arrival
         last = end if asked.latest_arrival is None else asked.latest_arrival
         times = np.linspace(min(max(first, begin), end), max(min(last, end), begin), LOOKS.samples)
         radius = asked.within(scenario.vehicle)
-        away, ahead = _seen(motion, one, times)
+        away, ahead = _seen(motion, asked, target, times)
         within = np.flatnonzero(ahead & (away <= radius))
         if len(within):
             k = int(within[0])
@@ -73,8 +61,8 @@ def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tupl
         else:
             k = int(np.argmin(away))
             low, high = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
-            time = _nearest(motion, one, float(low), float(high))
-            near, turned = _seen(motion, one, np.array([time]))
+            time = _nearest(motion, asked, target, float(low), float(high))
+            near, turned = _seen(motion, asked, target, np.array([time]))
             passed = bool(turned[0]) and near[0] <= radius + END_TOLERANCE and first <= time <= last
             found.append(Pass(number, time, float(near[0]), passed))
         if not found[-1].passed:
@@ -102,21 +90,21 @@ def places_missed(found: Sequence[Pass], scenario: Scenario) -> Iterator[Violati
             yield Violation(f"{PASSED}[{one.number}]", one.distance, radius, one.time)
 
 
-def _seen(motion: Motion, one: _Place, times: Array) -> tuple[Array, Mask]:
+def _seen(motion: Motion, asked: Passage, target: TargetMotion, times: Array) -> tuple[Array, Mask]:
     """Distances from a place at times, (n,) m, and whether the heading there is one that it asks for."""
     position, direction = motion(times)
-    away: Array = np.hypot(*(position - one.at(times)).T)
-    if one.asked.heading_range is None:
+    away: Array = np.hypot(*(position - target.places(times)).T)
+    if asked.heading_range is None:
         return away, np.ones(len(times), dtype=np.bool_)
-    low, high = one.asked.heading_range
+    low, high = asked.heading_range
     turn = np.arctan2(direction[:, 1], direction[:, 0]) - 0.5 * (low + high)
     turn -= 2.0 * pi * np.round(turn / (2.0 * pi))
     return away, np.abs(turn) <= 0.5 * (high - low) + ROUNDING
 
 
-def _nearest(motion: Motion, one: _Place, low: float, high: float) -> float:
+def _nearest(motion: Motion, asked: Passage, target: TargetMotion, low: float, high: float) -> float:
     for _ in range(LOOKS.thirds):
         third = (high - low) / 3.0
-        left, right = _seen(motion, one, np.array([low + third, high - third]))[0].tolist()
+        left, right = _seen(motion, asked, target, np.array([low + third, high - third]))[0].tolist()
         low, high = (low, high - third) if left <= right else (low + third, high)
     return 0.5 * (low + high)

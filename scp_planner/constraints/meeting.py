@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +12,7 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.constraints.arrival import EARLIEST_MARGIN, EarliestArrival
 from scp_planner.constraints.clearance import entry_gradient, refine_minima
 from scp_planner.constraints.constraint import Constraint, LastTrip
-from scp_planner.constraints.passing import PASSING, in_order
+from scp_planner.constraints.passing import in_order, radii, windows
 from scp_planner.constraints.setup import Setup
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.contacts import ZoneContacts
@@ -93,17 +92,12 @@ class Meetings(Constraint):
 
 def meetings(setup: Setup) -> Iterator[Constraint]:
     """Make the constraint of the targets to meet on the way, if there are any."""
-    scenario, start = setup.scenario, setup.scenario.start.time
+    scenario = setup.scenario
     moving = [one for one in scenario.goals if one.target is not None]
     if not moving:
         return
-    motions = [TargetMotion.of(scenario, one) for one in moving]
-    targets = setup.frame.points_batch([motion.centers for motion in motions if motion is not None])
-    earliest = np.array([-inf if one.earliest_arrival is None else one.earliest_arrival - start for one in moving])
-    latest = np.array([inf if one.latest_arrival is None else one.latest_arrival - start for one in moving])
-    margin = np.minimum(PASSING.early, 0.5 * (latest - earliest))
-    radius = np.array([one.within(setup.vehicle) for one in moving])
-    radius -= np.minimum(PASSING.near, 0.5 * radius)
-    yield Meetings(setup, targets, radius, earliest + margin, latest - margin)
-    if earliest.max() > 0.0:
-        yield EarliestArrival(setup, float(earliest.max()) + EARLIEST_MARGIN)
+    targets = setup.frame.points_batch([TargetMotion.met(scenario, one).centers for one in moving])
+    yield Meetings(setup, targets, radii(setup, moving), *windows(setup, moving))
+    begun = [one.earliest_arrival - scenario.start.time for one in moving if one.earliest_arrival is not None]
+    if begun and max(begun) > 0.0:
+        yield EarliestArrival(setup, max(begun) + EARLIEST_MARGIN)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, pi, remainder, tan
 from typing import ClassVar, Self
@@ -12,6 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.constraints.constraint import Constraint
 from scp_planner.constraints.setup import Setup
+from scp_planner.scenario.models import Passage
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory
 
@@ -97,8 +98,7 @@ def passing(setup: Setup) -> Iterator[Constraint]:
     stations = stations_of(guide, places)
     parameter, frame = stations / space.length, guide.frame(stations)
     away = places - frame.position
-    radius = np.array([one.within(setup.vehicle) for one in goals])
-    radius -= np.minimum(PASSING.near, 0.5 * radius)
+    radius = radii(setup, goals)
     along, offset = (away * frame.tangent).sum(axis=1), (away * frame.normal).sum(axis=1)
     half = np.sqrt(np.maximum(radius**2 - along**2, 0.0))
     rows, slopes = space.path.rows(parameter), space.path.derivative.rows(parameter) / space.length
@@ -118,12 +118,23 @@ def passing(setup: Setup) -> Iterator[Constraint]:
     yield Beside(setup, np.array(matrix), np.array(upper))
     timed = [k for k, one in enumerate(goals) if one.earliest_arrival is not None or one.latest_arrival is not None]
     if timed:
-        start = setup.scenario.start.time
-        windows = [(goals[k].earliest_arrival, goals[k].latest_arrival) for k in timed]
-        early = np.array([-inf if low is None else low - start for low, _ in windows])
-        late = np.array([inf if high is None else high - start for _, high in windows])
-        margin = np.minimum(PASSING.early, 0.5 * (late - early))
-        yield InTime(setup, parameter[timed], early + margin, late - margin)
+        early, late = windows(setup, [goals[k] for k in timed])
+        yield InTime(setup, parameter[timed], early, late)
+
+
+def radii(setup: Setup, goals: Sequence[Passage]) -> Array:
+    """Return the radii of places to pass, less a margin, (K,) m."""
+    radius = np.array([one.within(setup.vehicle) for one in goals])
+    return radius - np.minimum(PASSING.near, 0.5 * radius)
+
+
+def windows(setup: Setup, goals: Sequence[Passage]) -> tuple[Array, Array]:
+    """Return the earliest and latest times of places to pass, a margin inside of their windows, (K,) s from start."""
+    start = setup.scenario.start.time
+    early = np.array([-inf if one.earliest_arrival is None else one.earliest_arrival - start for one in goals])
+    late = np.array([inf if one.latest_arrival is None else one.latest_arrival - start for one in goals])
+    margin = np.minimum(PASSING.early, 0.5 * (late - early))
+    return early + margin, late - margin
 
 
 def stations_of(guide: Guide, places: Array) -> Array:

@@ -27,7 +27,7 @@ class OutOfRangeError(ValueError):
 
 
 def check_places(call: str, scenario: Scenario) -> None:
-    """Refuse what is asked of places to pass and only plans know so far."""
+    """Refuse moving places to pass and a free order: only offline plans support them."""
     faults = [
         Fault(f"goals[{i}].target", "given", "must be null while driving; goal.target may be given")
         for i, one in enumerate(scenario.goals)

@@ -181,7 +181,7 @@ class Fallback:
             if moment.state.acceleration is None or moment.state.time <= last.branch_time + TIME:
                 yield last.stop
         yield self._means.straight_stop(moment.state, self._means.braking)
-        if fresh.ahead is not None:
+        if fresh.ahead is not None:  # last: it takes a problem, which may have to be built
             along = self._means.braking.stop_now(fresh.ahead.path, moment.state)
             if fits(along):
                 yield Trip(fresh.problem.frame, along)

@@ -84,7 +84,7 @@ def meetings(scenario: Scenario, plan: HasTrip) -> dict[int, Meeting]:
     for one in sorted(passes_of(plan.trip, scenario), key=lambda one: one.time):
         if one.passed:
             goal = scenario.goals[one.number]
-            target = TargetMotion.of(scenario, goal) or TargetMotion.standing(goal.position)
+            target = TargetMotion.met(scenario, goal)
             found[one.number] = _met(scenario, plan.trip, one.time, target, goal.within(scenario.vehicle))
     return found
 

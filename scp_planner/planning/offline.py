@@ -164,7 +164,7 @@ def planned(
     if target is not None:
         least = kinematic_bound(inside)
         return _told(scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, began)
-    known = _from_what_is_known(task, units, along, begin)
+    known = _guided(task, units, along, begin)
     if known is not None and known.best is not None:
         return _told(scenario, known.lower_bound, on_a_step(task, inside, known.best), units, began)
     runs = CheckedRuns(task)
@@ -191,8 +191,8 @@ def planned(
     return replace(made, reason=made.reason + routes.told(scenario, units))
 
 
-def _from_what_is_known(task: Task, units: NaturalUnits, along: Array | None, begin: Trip | None) -> TripSearch | None:
-    """Search along a route or from a trip, if there is one."""
+def _guided(task: Task, units: NaturalUnits, along: Array | None, begin: Trip | None) -> TripSearch | None:
+    """Search along a route, or from a trip, where one is given."""
     if begin is not None:
         search = from_trip(task, begin.inside(units).trajectory)
         search.walk(refinements(task))

@@ -43,49 +43,56 @@ PlanOne = Callable[[Scenario, float | None, Trip | None], Plan]
 """Plans a trip along the guide of a scenario within a wall time, s; from a trip over it, if there is one."""
 
 
+@dataclass(frozen=True)
+class _Tried:
+    """A plan, and whether it is one of the scenario: not one to where its targets stood in for themselves."""
+
+    plan: Plan
+    counts: bool
+
+
 def plan_over_places(scenario: Scenario, settings: Settings, plan_one: PlanOne, time_limit: float | None) -> Plan:
     """Plan over the places to pass, in the best orders; return the fastest of the certified plans.
 
     Targets stand at first where they are about when they are met, and then move: the trip over those places is led to
     where they really are. Where that fails, it says when they are met, and they stand there for the next one.
     """
-    began, made = perf_counter(), list[Plan]()
+    began, tried = perf_counter(), list[_Tried]()
     deadline = inf if time_limit is None else began + time_limit
     asked = visits(scenario, OVER_PLACES.orders)
     for place, visit in enumerate(asked):
-        best = min(made, key=_rank, default=None)
+        best = min((one.plan for one in tried if one.counts), key=_rank, default=None)
         if best is not None and (perf_counter() > deadline or (best.certified and best.travel_time <= visit.arrival)):
             break
         share = deadline if time_limit is None else began + time_limit * (place + 1) / len(asked)
-        made += _in_order(scenario, visit, settings, plan_one, share)
-    iterations = sum(plan.iterations for plan in made)
-    best = min((one for one in made if one.planned is not None), key=_rank)
+        tried += _in_order(scenario, visit, settings, plan_one, share)
+    iterations = sum(one.plan.iterations for one in tried)
+    best = min((one.plan for one in tried if one.counts), key=_rank)
     return replace(best, planned=scenario, iterations=iterations, wall_time=perf_counter() - began)
 
 
 def _in_order(
     scenario: Scenario, visit: Visit, settings: Settings, plan_one: PlanOne, deadline: float
-) -> Iterator[Plan]:
-    """Plan over the places in one order until a plan is certified; of those to where targets stand tell the work."""
+) -> Iterator[_Tried]:
+    """Plan over the places in one order until a plan is certified."""
     moves = any(one.target is not None for one in scenario.goals)
 
     def planned(one: Scenario, parts: int, begin: Trip | None = None) -> Plan:
         left = None if deadline == inf else max(deadline - perf_counter(), 0.0) / parts
         return plan_one(one, left, begin)
 
-    best_guide = 0
+    best_guide, again = 0, visit.taken(scenario)
     for number in range(OVER_PLACES.rounds):
-        one, found = visit.taken(scenario), dict[int, Plan]()
+        one, found = again, dict[int, Plan]()
         guided = over_places(fixed(one), _legs(one, settings, deadline))
         for place in sorted(range(len(guided)), key=lambda place: place != best_guide):
             if number == 0 or not any(_expected(each, visit) for each in found.values()):
                 found[place] = planned(guided[place], len(guided) - len(found) + moves)
         best_guide = min(found, key=lambda place: _rank(found[place]))
         nearest = found[best_guide]
+        yield from (_Tried(each, not moves) for each in found.values())
         if not moves:
-            yield from found.values()
             return
-        yield from (replace(each, planned=None) for each in found.values())
         visit = visit.led_by(one, nearest.trip)
         again = visit.taken(scenario)
         moved = max(dist(a.position, b.position) for a, b in zip(one.goals, again.goals, strict=True))
@@ -94,7 +101,7 @@ def _in_order(
             continue
         assert nearest.planned is not None
         led = planned(changed(one, guide=nearest.planned.guide), 1, nearest.trip)
-        yield led
+        yield _Tried(led, True)
         if led.certified or last or moved == 0.0:
             return
 

@@ -106,7 +106,7 @@ def refinements(task: Task) -> list[Refinement]:
 
 
 def from_trip(task: Task, trip: Trajectory) -> TripSearch:
-    """Return a search over the guide of a trip that has gone on from it, and knows no other one."""
+    """Return a search over the guide of a trip, warm-started by it."""
     space = trip.space
     runs = CheckedRuns(task, space.guide, _breakpoints_of(space), len(space.path.widths))
     theta, ends = trip.theta.copy(), runs.problem.ends

@@ -46,7 +46,7 @@ class Visit:
         return changed(scenario, goals=tuple(goals), goals_order=Order.GIVEN)
 
     def led_by(self, taken: Scenario, trip: Trip) -> Visit:
-        """Return the same order at the times of a trip over its places, whose legs take as much longer as that says."""
+        """Return the same order at times of straight legs that take as long as those of a trip over the places."""
         found, begun, ends = passes_of(trip, fixed(taken)), taken.start.time, trip.trajectory.travel_time
         if not found[-1].passed:
             return self
@@ -106,8 +106,7 @@ class _Legs:
         self.windows = np.empty((count + 1, 2))
         goals: list[Goal | Passage] = [*scenario.goals, scenario.goal]
         for k, one in enumerate(goals):
-            motion = TargetMotion.of(scenario, one)
-            self.places[k] = one.position if motion is None else motion.places(start.time + self.times)
+            self.places[k] = TargetMotion.met(scenario, one).places(start.time + self.times)
             low, high = one.earliest_arrival, one.latest_arrival
             self.windows[k] = -inf if low is None else low - start.time, inf if high is None else high - start.time
 

@@ -37,7 +37,7 @@ from scp_planner.scenario.obstacles import Prior as Prior
 from scp_planner.scenario.passages import Order as Order
 from scp_planner.scenario.passages import Passage as Passage
 from scp_planner.scenario.process_model import read_processes
-from scp_planner.scenario.targets import Target, as_target, target_timed
+from scp_planner.scenario.targets import OfTarget, target_timed
 from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, RateNumber, Text, Vector
 
@@ -183,12 +183,10 @@ class Goal(Part):
         default=None,
         description="not after this time, to 1e-7 of the travel time, s on the clock of start.time; null: any",
     )
-    target: TakenAs[Annotated[Target | None, BeforeValidator(as_target)], Target | Mapping[str, Any] | str | None] = (
-        by_default(
-            None,
-            description="what moves and is to be met: {motion: ...}, {course: ...}, {observations: ...} or"
-            " {estimate: ...}, as of an obstacle, or the id of one; null: the goal stands",
-        )
+    target: OfTarget = by_default(
+        None,
+        description="what moves and is to be met: {motion: ...}, {course: ...}, {observations: ...} or"
+        " {estimate: ...}, as of an obstacle, or the id of one; null: the goal stands",
     )
     offset: OfNumbers[Vector] = by_default((0.0, 0.0), description="place to meet, seen from the target, [x, y], m")
     approach: TakenAs[tuple[Number, Number] | None, Numbers | None] = by_default(

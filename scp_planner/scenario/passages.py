@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from enum import StrEnum
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from scp_planner.scenario import goal_checks
-from scp_planner.scenario.targets import Target, as_target
+from scp_planner.scenario.targets import OfTarget
 from scp_planner.scenario.validation import Numbers, Objection, OfNumbers, Part, Rule, TakenAs, by_default
 from scp_planner.scenario.values import Number, Positive, Vector
 
@@ -52,8 +52,8 @@ class Passage(Part):
     latest_arrival: Number | None = Field(
         default=None, description="and not after this time, s on the clock of start.time; null: any"
     )
-    target: TakenAs[Annotated[Target | None, BeforeValidator(as_target)], Target | Mapping[str, Any] | str | None] = (
-        by_default(None, description="what moves and is to be met, as of the goal; null: the place stands")
+    target: OfTarget = by_default(
+        None, description="what moves and is to be met, as of the goal; null: the place stands"
     )
     offset: OfNumbers[Vector] = by_default((0.0, 0.0), description="place to meet, seen from the target, [x, y], m")
 

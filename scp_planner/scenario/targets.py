@@ -62,6 +62,10 @@ def as_target(data: Any) -> Any:
     return data
 
 
+OfTarget = TakenAs[Annotated[Target | None, BeforeValidator(as_target)], Target | Mapping[str, Any] | str | None]
+"""Target of a goal or of a place to pass, or None: a part, its data, or the id of an obstacle."""
+
+
 def target_timed(goal: PartT, time: float) -> PartT:
     """Return a goal or a place whose target's motion, if it does not say when it holds, holds at a time, s."""
     target = _field(goal, "target")

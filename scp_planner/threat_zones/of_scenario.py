@@ -144,9 +144,9 @@ def whom_it_touches(scenario: Scenario) -> frozenset[str]:
 
 def _without_whom_it_meets(scenario: Scenario) -> Scenario:
     met = whom_it_touches(scenario)
-    return (
-        changed(scenario, obstacles=tuple(one for one in scenario.obstacles if one.id not in met)) if met else scenario
-    )
+    if not met:
+        return scenario
+    return changed(scenario, obstacles=tuple(one for one in scenario.obstacles if one.id not in met))
 
 
 def is_touched(scenario: Scenario, shape: Shape, margin: float = 0.0, goal: Goal | Passage | None = None) -> bool:

@@ -48,9 +48,9 @@ class TargetMotion:
         return cls.seen_as(zone, goal.offset, one_time.probability)
 
     @classmethod
-    def standing(cls, position: tuple[float, float]) -> TargetMotion:
-        """Return the motion of what stands at a position."""
-        return cls(PiecewisePolynomials.single(0.0, np.array([position])))
+    def met(cls, scenario: Scenario, goal: Goal | Passage) -> TargetMotion:
+        """Return the motion of a goal, or of a place to pass: that of its target, or it stands."""
+        return cls.of(scenario, goal) or cls(PiecewisePolynomials.single(0.0, np.array([goal.position])))
 
     @classmethod
     def seen_as(cls, zone: ThreatZone, offset: tuple[float, float], probability: float = 0.95) -> TargetMotion:

@@ -9,24 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scenes import SLOW_VEHICLE
 
 import scp_planner as sp
 
-VEHICLE = {
-    "radius": 0.3,
-    "max_speed": 2.0,
-    "max_acceleration": 1.0,
-    "max_deceleration": 1.5,
-    "max_lateral_acceleration": 1.5,
-    "max_curvature": 1.5,
-}
 POST = {"id": "post", "shape": {"rectangle": [3.0, 1.0]}, "motion": {"position": [3.0, 0.0]}}
 WALKER = {"id": "walker", "shape": {"disc": 0.5}, "motion": {"position": [8.0, 3.0], "velocity": [-0.3, 0.0]}}
 
 
 def scene(goals: Sequence[Mapping[str, Any]], goal: Sequence[float], **changes: Any) -> sp.Scenario:
     start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0}
-    return sp.Scenario(**{"vehicle": VEHICLE, "start": start, "goal": {"position": goal}, "goals": goals, **changes})
+    return sp.Scenario(
+        **{"vehicle": SLOW_VEHICLE, "start": start, "goal": {"position": goal}, "goals": goals, **changes}
+    )
 
 
 def first_passes(
@@ -70,7 +65,7 @@ def test_one_trip_is_faster_than_its_legs_one_after_the_other() -> None:
         {"position": [6.0, 6.0], "radius": 0.3},
         {"position": [0, 6]},
     ):
-        leg = sp.plan(sp.Scenario(vehicle=VEHICLE, start=start, goal=goal))
+        leg = sp.plan(sp.Scenario(vehicle=SLOW_VEHICLE, start=start, goal=goal))
         arrival = leg.arrival_time
         end = {"position": leg.position(arrival), "heading": float(leg.heading(arrival))}
         start = {"time": arrival, "speed": float(leg.speed(arrival)), **end}
@@ -120,7 +115,7 @@ def test_places_are_read_written_and_checked(tmp_path: Path) -> None:
     with pytest.raises(sp.ScenarioError, match=r"goals\[0\]\.position"):
         scene([{"position": [0.0, 0.0]}], [0.0, 6.0])
     with pytest.raises(sp.ScenarioError, match=r"vehicle\.reverse"):
-        scene([{"position": [6.0, 0.0]}], [0.0, 6.0], vehicle={**VEHICLE, "reverse": {"max_speed": 0.5}})
+        scene([{"position": [6.0, 0.0]}], [0.0, 6.0], vehicle={**SLOW_VEHICLE, "reverse": {"max_speed": 0.5}})
 
 
 def test_a_planner_goes_on_to_the_next_place() -> None:

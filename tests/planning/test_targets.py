@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import SLOW_VEHICLE
 from slopes import differences
 
 import scp_planner as sp
@@ -18,14 +19,6 @@ from scp_planner.problem.build import build_problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 
-VEHICLE = {
-    "radius": 0.3,
-    "max_speed": 2.0,
-    "max_acceleration": 1.0,
-    "max_deceleration": 1.5,
-    "max_lateral_acceleration": 1.5,
-    "max_curvature": 1.5,
-}
 START = {"time": 2.0, "position": [-8.0, 0.0], "heading": 0.0, "speed": 0.0}
 WALKER = {"id": "walker", "shape": {"disc": 0.5}, "motion": {"position": [-1.0, 2.0], "velocity": [0.1, -0.3]}}
 
@@ -41,7 +34,9 @@ PLACE = {"position": [0.0, 3.0], "radius": 0.4}
 
 
 def scene(goals: Sequence[Mapping[str, Any]], **more: Any) -> sp.Scenario:
-    return sp.Scenario(**{"vehicle": VEHICLE, "start": START, "goal": {"position": [8.0, 0.0]}, "goals": goals, **more})
+    return sp.Scenario(
+        **{"vehicle": SLOW_VEHICLE, "start": START, "goal": {"position": [8.0, 0.0]}, "goals": goals, **more}
+    )
 
 
 def first_meetings(plan: Any, goals: Sequence[Mapping[str, Any]], ordered: bool = True) -> list[float]:
