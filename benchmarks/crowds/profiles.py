@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import scp_planner as sp
+from scp_planner.scenario.ready_made import ready_made
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.simulation.crowds import WALKER
 
 PROFILES: dict[str, tuple[OnlineSettings | None, sp.Model]] = {
+    "default": (OnlineSettings(), sp.Model(process=ready_made("pedestrian"))),
     "crowd": (None, WALKER),
     "straight": (None, sp.Model(order=1)),
     "trip": (OnlineSettings(safety=Safety.TRIP), sp.Model(order=1)),

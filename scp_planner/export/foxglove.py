@@ -14,6 +14,8 @@ from scp_planner.mathematics.corridor import NAME, WALLS
 from scp_planner.threat_zones.boundaries import boundaries_of
 
 if TYPE_CHECKING:
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
     from scp_planner.simulation.cycle import Cycle
     from scp_planner.simulation.run import Run
 
@@ -26,9 +28,9 @@ def save_scene(
 ) -> None:
     """Write a run, or a recording that was loaded as one, as an MCAP file that Foxglove shows as it is.
 
-    ``/scene``, ``foxglove.SceneUpdate``, at each replan: zones with the ids of their obstacles, the plan, the vehicle,
-    and at first the walls; ``/tf``, ``foxglove.FrameTransform``, of the vehicle; ``/replan``, JSON: outcome, reason,
-    its code and obstacle, whether it is safe, and the wall time, s.
+    ``/scene``, ``foxglove.SceneUpdate``, at each replan: zones with the ids of their obstacles, the plan, the vehicle
+    and the walls; ``/tf``, ``foxglove.FrameTransform``, of the vehicle; ``/replan``, JSON: outcome, reason, its code
+    and obstacle, whether it is safe, the wall time, s, and a line for each candidate.
 
     Parameters
     ----------
@@ -45,36 +47,63 @@ def save_scene(
     ImportError
         If `foxglove-sdk` is not installed.
     """
-    try:
-        import foxglove
-        from foxglove import channels, messages
-    except ImportError as error:
-        raise ImportError("scenes need foxglove-sdk: pip install 'scp-planner[foxglove]'") from error
-
-    context, making = foxglove.Context(), _Making(messages, frame)
-    scene = channels.SceneUpdateChannel("/scene", context=context)
-    transform = channels.FrameTransformChannel("/tf", context=context)
-    replans = foxglove.Channel("/replan", context=context)
-    with replacing(path) as temporary, foxglove.open_mcap(temporary, allow_overwrite=True, context=context):
+    scenarios = (run.scenario, *run.changes)
+    scene = Scene(frame=frame, body=body, epoch=epoch)
+    with replacing(path) as temporary, scene.foxglove.open_mcap(temporary, allow_overwrite=True, context=scene.context):
         for cycle, plan in zip(run.records, run.plans, strict=True):
-            stamp = round((cycle.time + epoch) * NANOSECONDS)
-            left = np.linspace(cycle.time, max(cycle.time, plan.arrival_time), _SAMPLES)
-            names = list(dict.fromkeys(zone.id for zone in cycle.zones if zone.id not in (NAME, WALLS)))
-            entities = [
-                making.entity("plan", stamp, lines=[making.line(plan.position(left), "plan")]),
-                *(making.zone(cycle, name, stamp) for name in names),
-                *(
-                    making.entity(f"wall {number}", stamp, lines=[making.line(wall, "wall", closed=True)])
-                    for number, wall in enumerate(run.scenario.walls if cycle is run.records[0] else ())
-                ),
-                making.vehicle(body, stamp, run.scenario.vehicle),
-            ]
-            gone = making.gone(names, stamp)
-            scene.log(messages.SceneUpdate(deletions=gone, entities=entities), log_time=stamp)
-            transform.log(making.transform(cycle, body, stamp), log_time=stamp)
-            told = {"outcome": cycle.outcome, "safe": cycle.safe, "code": cycle.code, "reason": cycle.reason}
-            told |= {"obstacle": cycle.obstacle, "wall_time": cycle.wall_time}
-            replans.log(told, log_time=stamp)
+            begun = [each for each in scenarios if each.start.time < cycle.time]  # told after a replan then
+            scene.replan(cycle, plan, begun[-1] if begun else run.scenario)
+
+
+class Scene:
+    """Channels of a scene, and what they show; names and times as of `save_scene`."""
+
+    def __init__(self, *, frame: str = FRAME, body: str = BODY, epoch: float = 0.0) -> None:
+        try:
+            import foxglove
+            from foxglove import channels, messages
+        except ImportError as error:
+            raise ImportError("scenes need foxglove-sdk: pip install 'scp-planner[foxglove]'") from error
+        self.foxglove, self.context = foxglove, foxglove.Context()
+        self._messages, self._making = messages, _Making(messages, frame)
+        self._body, self._epoch = body, epoch
+        self._scene = channels.SceneUpdateChannel("/scene", context=self.context)
+        self._transform = channels.FrameTransformChannel("/tf", context=self.context)
+        self._replans = foxglove.Channel("/replan", context=self.context)
+        self._server: Any = None
+
+    def serve(self, host: str, port: int) -> Scene:
+        """Send what comes to who connects, until `close`."""
+        self._server = self.foxglove.start_server(name="scp_planner", host=host, port=port, context=self.context)
+        return self
+
+    def close(self) -> None:
+        """Stop the server."""
+        self._server.stop()
+
+    def replan(self, cycle: Cycle, plan: Plan, scenario: Scenario) -> None:
+        """Show a replan."""
+        making, stamp = self._making, round((cycle.time + self._epoch) * NANOSECONDS)
+        left = np.linspace(cycle.time, max(cycle.time, plan.arrival_time), _SAMPLES)
+        zones = list(dict.fromkeys(zone.id for zone in cycle.zones if zone.id not in (NAME, WALLS)))
+        walls = {f"wall {k}": making.line(wall, "wall", closed=True) for k, wall in enumerate(scenario.walls)}
+        entities = [
+            making.entity("plan", stamp, lines=[making.line(plan.position(left), "plan")]),
+            *(making.zone(cycle, name, stamp) for name in zones),
+            *(making.entity(name, stamp, lines=[line]) for name, line in walls.items()),
+            making.vehicle(self._body, stamp, scenario.vehicle),
+        ]
+        gone = making.gone([*zones, *walls], stamp)
+        self._scene.log(self._messages.SceneUpdate(deletions=gone, entities=entities), log_time=stamp)
+        self._transform.log(making.transform(cycle, self._body, stamp), log_time=stamp)
+        told = {"outcome": cycle.outcome, "safe": cycle.safe, "code": cycle.code, "reason": cycle.reason}
+        told |= {"obstacle": cycle.obstacle, "wall_time": cycle.wall_time, "candidates": list(cycle.candidates)}
+        self._replans.log(told, log_time=stamp)
+
+
+def live_scene(host: str = "127.0.0.1", port: int = 8765) -> Scene:
+    """Serve a scene to Foxglove, at ws://HOST:PORT."""
+    return Scene().serve(host, port)
 
 
 class _Making:

@@ -327,7 +327,7 @@ class Planner(Changeable):
         for name, motion in predictor.predict(now, max(straight * units.time, left)).items():
             self.update_motion(name, motion)
 
-    def record(self, path: str | PathLike[str]) -> Any:
+    def record(self, path: str | PathLike[str], live: bool = False) -> Any:
         """Record what the planner is told and answers, until the context that this returns is left.
 
         Parameters
@@ -335,6 +335,8 @@ class Planner(Changeable):
         path : path
             .jsonl: a line a replan, written at once. `scp_planner.Run.load` reads it, also after a crash, for pictures,
             the viewer and exports.
+        live : bool
+            Serve each replan to Foxglove, too, at ws://127.0.0.1:8765.
 
         Returns
         -------
@@ -345,8 +347,10 @@ class Planner(Changeable):
         ------
         ValueError
             If the suffix is another one.
+        ImportError
+            If it shall be live, and `foxglove-sdk` is not installed.
         """
-        return output_named("planner record")(self, path)
+        return output_named("planner record")(self, path, live)
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
         yield from self._assumptions.broken(now.moment, self._last, self._means.following, self.given.bounds)

@@ -49,6 +49,7 @@ class Cycle:
     code: str = ""  # Kind of the reason
     obstacle: str | None = None  # That it is for
     lasts: float | None = None  # For how long it is likely to hold, s
+    candidates: tuple[str, ...] = ()  # What was looked at, a line each
 
     @classmethod
     def of(
@@ -76,6 +77,7 @@ class Cycle:
             zones=tuple(replace(zone, pointing=None, until=np.inf, expected=None) for zone in zones),
             truth=truth,
             clearance=np.inf,
+            candidates=tuple(map(str, plan.candidates)),
         )
 
 
@@ -101,6 +103,7 @@ def record_from_dict(data: dict[str, Any]) -> Cycle:
         "zones": tuple(_zone_from_dict(zone) for zone in data["zones"]),
         "truth": tuple((name, tuple(place)) for name, place in data["truth"].items()),
         "clearance": infinite(data["clearance"]),
+        "candidates": tuple(data.get("candidates", ())),
     }
     return Cycle(**{**data, **given})
 

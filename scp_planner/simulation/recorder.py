@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 import numpy as np
 
 from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.outputs import output_named
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.underway import Underway
 from scp_planner.scenario.units import changed
@@ -38,14 +39,18 @@ class Recorder:
     planner : Planner
     path : path, optional
         .jsonl; `Run.load` reads it. None: the lines are kept in memory alone.
+    live : bool
+        Serve each replan to Foxglove, too.
 
     Raises
     ------
     ValueError
         If the suffix is another one.
+    ImportError
+        If it shall be live, and `foxglove-sdk` is not installed.
     """
 
-    def __init__(self, planner: Planner, path: str | PathLike[str] | None = None) -> None:
+    def __init__(self, planner: Planner, path: str | PathLike[str] | None = None, live: bool = False) -> None:
         if path is not None and Path(path).suffix.lower() != RECORDING_SUFFIX:
             raise ValueError(f"{path}: must end in {RECORDING_SUFFIX}")
         self._planner, self._path = planner, path
@@ -53,6 +58,7 @@ class Recorder:
         self._seen: list[Observation] = []
         self._writer = ThreadPoolExecutor(max_workers=1)
         self._error: OSError | None = None
+        self._live: Any = output_named("live scene")() if live else None
         self.lines: list[dict[str, Any]] = []
         """The lines so far of a recording that has no file."""
 
@@ -72,6 +78,8 @@ class Recorder:
         self._writer.shutdown()
         if self._file is not None:
             self._file.close()
+        if self._live is not None:
+            self._live.close()
         if self._error is not None and error is None:
             raise self._error
 
@@ -99,14 +107,21 @@ class Recorder:
         del self._seen[: len(seen)]
         direction = float(plan.heading(time) if heading is None else heading)
         state = State(float(time), position, direction, float(speed), wall_time)
-        self._writer.submit(self._write_replan, state, seen, self._planner.zones, plan)
+        self._writer.submit(self._write_replan, state, seen, plan, self._planner.zones, self._planner.scenario)
 
     def _write_replan(
-        self, state: State, seen: tuple[Observation, ...], zones: tuple[ThreatZone, ...], plan: OnlinePlan
+        self,
+        state: State,
+        seen: tuple[Observation, ...],
+        plan: OnlinePlan,
+        zones: tuple[ThreatZone, ...],
+        scenario: Scenario,
     ) -> None:
         cycle = Cycle.of(state, plan, seen, zones)
         told = {"cycle": record_to_dict(cycle), "plan": plan_to_dict(plan), "arrived": plan.arrived}
         self._write({**told, "wall_time": state.wall_time, "timings": plan.timings})
+        if self._live is not None:
+            self._live.replan(cycle, plan, scenario)
 
     def run(self) -> Run:
         """Give what was recorded in memory as a run."""
