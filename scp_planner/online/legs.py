@@ -18,7 +18,6 @@ from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.online.following import Deviation
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import Reason, ReasonCode
@@ -26,7 +25,7 @@ from scp_planner.online.remaining import State
 from scp_planner.online.safety_gate import Moment, Vetted
 from scp_planner.online.stops import STOPS, standing_trip
 from scp_planner.online.tolerances import OFF
-from scp_planner.pauses import Steps
+from scp_planner.pauses import InTurns
 from scp_planner.planning.legs import LEGS, LegSearch
 from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan, PlanStatus
@@ -65,13 +64,13 @@ class LegsAhead:
         self.at_end = False  # the vehicle stands at its goal, and heads as it is to
         self._trip: Trip | None = None  # of the leg under way, as it was found
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
-        self._steps: Steps[Plan] | None = None
+        self._search: InTurns[Plan] | None = None
         self._from: State | None = None  # where the search begins
         self._due, self._again, self._patience = True, -math.inf, ONLINE_LEGS.patience
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a search under way anew."""
-        return {**self.__dict__, "_steps": None}
+        return {**self.__dict__, "_search": None}
 
     @property
     def onward(self) -> bool:
@@ -187,7 +186,7 @@ class LegsAhead:
     def _searched(self, now: Replan, means: Means) -> bool:
         """Look for manoeuvres until the deadline; return True when that has come to an end."""
         state = now.moment.state
-        if self._steps is None or self._from is None or not _is_there(self._from, state, means):
+        if self._search is None or not means.stays(self._from, state):
             zones = _zones(now.moment, means)
 
             def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
@@ -197,17 +196,14 @@ class LegsAhead:
             vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0, acceleration=None)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
-            self._steps, self._from = LegSearch(scene, one, zones=zones).run(), state
-        try:
-            while not now.late:
-                next(self._steps)
-        except StopIteration as end:
-            self._take(end.value)
+            self._search, self._from = InTurns(LegSearch(scene, one, zones=zones).run), state
+        if self._search.go_on(now.deadline):
+            self._take(self._search.found)
         return not self._due
 
     def _take(self, found: Plan) -> None:
         """Drive the legs that were found from now on; where there are none, go on as before, or ahead."""
-        self._steps, self._due = None, False
+        self._search, self._due = None, False
         if not found.certified:
             if not self.legs:
                 self.backward = False
@@ -279,13 +275,6 @@ def _at(trip: Trip, time: float) -> Trip:
 
 def _end(leg: Leg) -> Stand:
     return Stand(leg.end, leg.state(leg.end)[1])
-
-
-def _is_there(before: State, state: State, means: Means) -> bool:
-    """True if a vehicle that stands is where it was."""
-    assert before.heading is not None and state.heading is not None, "manoeuvres begin with a heading"
-    turned = abs(math.remainder(state.heading - before.heading, 2.0 * math.pi))
-    return means.following.allows(Deviation(math.dist(before.position, state.position), 0.0, turned))
 
 
 def _zones(now: Moment, means: Means) -> list[ThreatZone]:

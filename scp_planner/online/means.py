@@ -214,6 +214,14 @@ class Means:
         """Return the time that a straight trip without obstacles takes within the limits of the plans, s."""
         return straight_trip_time(scenario, Limits.of(scenario, self.settings.limit_margin))
 
+    def stays(self, before: State | None, state: State) -> bool:
+        """True if a vehicle that stands is where it was, but for the speed at which it still counts as standing."""
+        if before is None or (before.heading is None) != (state.heading is None):
+            return False
+        turned = abs(math.remainder((state.heading or 0.0) - (before.heading or 0.0), 2.0 * math.pi))
+        apart = math.dist(before.position, state.position) - STOPS.standing * (state.time - before.time)
+        return self.following.allows(Deviation(max(apart, 0.0), 0.0, turned))
+
     def foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
         """The zones that trips are planned among, of those on a clock that shows a time now."""
         if self.online.safety is Safety.TRIP:

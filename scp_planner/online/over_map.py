@@ -1,14 +1,14 @@
 """A map while driving: trips are planned in local ground along a route, and what is driven is certified over the cells.
 
 The ground is a corridor for all that plans; the safety gate asks the map besides. The planner of whole trips looks for
-routes, in steps of a plan each: a replan does as many as it has time for, but at least one. Meanwhile the last plan is
-driven as long as it can be left for a certified stop.
+routes, in a share of the time of each replan. Meanwhile the last plan is driven as long as it can be left for a
+certified stop.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -20,13 +20,12 @@ from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import NAME
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.online.following import Deviation
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY
 from scp_planner.online.reasons import REASONS, Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
-from scp_planner.pauses import Steps
+from scp_planner.pauses import InTurns, pause
 from scp_planner.planning.offline import planned
 from scp_planner.planning.over_map import OVER_MAP, CorridorSearch, ground_along, with_ground
 from scp_planner.planning.plan import Plan
@@ -48,6 +47,7 @@ class OnlineMapParameters:
     growth: float = 2.0  # Factor of that from one time to the next
     gain: float = 0.02  # Share by which another route must be faster for the vehicle to change over
     budget: float = 1.0  # s of wall time, after which no better trip is looked for where replans have deadlines
+    share: float = 0.5  # Of the time up to a deadline, for the search
 
 
 ONLINE_MAP = OnlineMapParameters()
@@ -68,13 +68,13 @@ class RouteAhead:
         self.begin: Trip | None = None  # Found, and not yet driven
         self._left: Trip | None = None  # The trip of the last plan when it was found
         self._grown, self._due = False, True
-        self._steps: Steps[Plan | Reason | None] | None = None
+        self._search: InTurns[Plan | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again, self._patience = np.inf, ONLINE_MAP.patience
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a search under way anew."""
-        return {**self.__dict__, "_steps": None}
+        return {**self.__dict__, "_search": None}
 
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route up to the deadline, where that is due; return True if the ground is another one."""
@@ -84,7 +84,7 @@ class RouteAhead:
             self.begin = None
         elif self.begin is not None and state.speed <= STOPS.standing:
             self.begin = Trip(replace(self.begin.frame, time=state.time), self.begin.trajectory)
-            self._due = self._due or not means.safety_gate.is_on(now.moment, self.begin)
+            self._due = self._due or not means.stays(self._from, state)
         if not grown:  # Another map or goal: what is driven may still be as good as any
             alone = replace(now.moment, zones=())
             if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
@@ -98,21 +98,27 @@ class RouteAhead:
 
     def _searched(self, now: Replan, means: Means, leads: bool) -> bool:
         state = now.moment.state
-        if self._steps is None or (state.speed <= STOPS.standing and not _is_there(self._from, state, means)):
+        if self._search is None or (state.speed <= STOPS.standing and not means.stays(self._from, state)):
             self._from = state
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
-            self._steps = self._search(now, means, left if self.none is None else np.inf)
-        try:
-            next(self._steps)
-            while not now.late:
-                next(self._steps)
-        except StopIteration as end:
-            return self._take(end.value, now, means)
-        return False
+            self._search = self._searching(now, means, left if self.none is None else np.inf)
+        done = self._search.go_on(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
+        return done and self._take(self._search.found, now, means)
 
-    def _search(self, now: Replan, means: Means, left: float) -> Steps[Plan | Reason | None]:
+    def _searching(self, now: Replan, means: Means, left: float) -> InTurns[Plan | Reason | None]:
         """Find the fastest trip among what stands, or over the map alone; None if it is no faster than a time, s."""
         scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
+        budget = ONLINE_MAP.budget if np.isfinite(now.deadline) else None
+        return InTurns(partial(self._found, scene, standing, means, left, budget))
+
+    def _found(
+        self,
+        scene: Scenario,
+        standing: tuple[ThreatZone, ...],
+        means: Means,
+        left: float,
+        budget: float | None,
+    ) -> Plan | Reason | None:
 
         def one(within: Scenario, left: float | None, along: Array | None = None) -> Plan:
             settings = replace(means.settings, clearance_margin=SceneSettings.clearance_margin)
@@ -124,24 +130,23 @@ class RouteAhead:
             batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
             routes = MapRoutes(scene, self.map, standing_shapes(batch))
             line = routes.route()
-            yield
+            pause()
             if line is not None or not standing:
                 break
             standing = ()
         if line is None:
             places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
             return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
-        budget = ONLINE_MAP.budget if np.isfinite(now.deadline) else None
         search = CorridorSearch(scene, one, routes, perf_counter(), budget)
         if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
             return None
-        found = yield from search.run(line)
+        found = search.run(line)
         return found if found.travel_time < left * (1.0 - ONLINE_MAP.gain) else None
 
     def _take(self, found: Plan | Reason | None, now: Replan, means: Means) -> bool:
         """Drive what was found from now on; where there is none, go on as before."""
         state, last = now.moment.state, now.last
-        self._steps, self._due, self._again = None, False, state.time + self._patience
+        self._search, self._due, self._again = None, False, state.time + self._patience
         self._patience *= ONLINE_MAP.growth
         if not (isinstance(found, Plan) and found.certified):
             self.none = self.none and (found if isinstance(found, Reason) else NO_ROUTE)
@@ -177,14 +182,6 @@ def _ahead(trip: Trip, state: State) -> Array:
     """Return places (n, 2) m on what is left of a trip, from a state on."""
     times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, OVER_MAP.places)
     return np.concatenate([[state.position], trip.frame.to_world(trip.positions_at(times[1:]))])
-
-
-def _is_there(before: State | None, state: State, means: Means) -> bool:
-    """True if a vehicle that stands is where it was."""
-    if before is None or (before.heading is None) != (state.heading is None):
-        return False
-    turned = abs(math.remainder((state.heading or 0.0) - (before.heading or 0.0), 2.0 * math.pi))
-    return means.following.allows(Deviation(math.dist(before.position, state.position), 0.0, turned))
 
 
 def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:

@@ -15,7 +15,6 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.dubins import Pose, shortest_paths
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.pauses import Steps, all_at_once
 from scp_planner.planning.plan import Plan
 from scp_planner.routes.manoeuvres import Manoeuvre, ManoeuvreSearch
 from scp_planner.routes.steered import STEERING, Drive, Steered, SteeredLeg, Steering
@@ -68,7 +67,7 @@ def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None
     """Plan the fastest trip of several legs, or of one ahead: whichever arrives first."""
     began = perf_counter()
     search = LegSearch(scenario, plan_one, inf if time_limit is None else began + time_limit)
-    return replace(all_at_once(search.run()), planned=search.scenario, wall_time=perf_counter() - began)
+    return replace(search.run(), planned=search.scenario, wall_time=perf_counter() - began)
 
 
 def _guides(places: Array) -> list[Array]:
@@ -118,47 +117,46 @@ class LegSearch:
         """Wall time that is left, s."""
         return None if self.deadline == inf else max(self.deadline - perf_counter(), 1e-3)
 
-    def run(self) -> Steps[Plan]:
-        """Find the fastest trip of legs, or of one ahead; the longest step is the plan of one leg."""
+    def run(self) -> Plan:
+        """Find the fastest trip of legs, or of one ahead."""
         for at_start, at_goal in _turns(self.scenario):
             self._keep(self._turned(at_start, at_goal))
-            yield
         if self.inside.vehicle.reverse is not None:
-            yield from self._backing_up()
+            self._backing_up()
         best = self.best
-        if best is None or (_least_ahead(self.scenario) < best.travel_time and (yield from self._leads_ahead(best))):
+        if best is None or (_least_ahead(self.scenario) < best.travel_time and self._leads_ahead(best)):
             alone = self.plan_one(ahead(self.scenario), self.left, best is None)
             self.iterations += alone.iterations
             if best is None or (alone.certified and alone.travel_time <= best.travel_time):
                 best = alone
         return replace(best, iterations=self.iterations)
 
-    def _backing_up(self) -> Steps[None]:
+    def _backing_up(self) -> None:
         """Plan manoeuvres of the kinds that are found, or of others where those lead nowhere."""
         search = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline)
         kinds = list[tuple[int, ...]]()
         for _ in range(LEGS.searches):
-            manoeuvres = yield from search.run(without=kinds)
-            yield from self._drives(manoeuvres)
+            manoeuvres = search.run(without=kinds)
+            self._drives(manoeuvres)
             if self.best is not None or not manoeuvres or perf_counter() > self.deadline:
                 break
             kinds += [each.kind for each in manoeuvres]
 
-    def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> Steps[None]:
+    def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> None:
         """Plan the legs of manoeuvres, the fastest first, until other ones can gain little."""
         for share in LEGS.shares:
             steering = Steering(self.inside, self.batch, self.radius, share * self.curvature)
             drives = list[Drive]()
             for each in manoeuvres:
-                drives.append((yield from steering.among_standing(each)))
+                drives.append(steering.among_standing(each))
             whole = [each for each in drives if not each.spares_a_leg]
             for drive in sorted(whole or drives, key=lambda each: each.time):
                 known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
                 if perf_counter() > self.deadline or drive.time >= known:
                     break
-                legs = yield from steering.improved(drive)
+                legs = steering.improved(drive)
                 if legs.good and legs.time < known:
-                    self._keep((yield from self._planned(legs)))
+                    self._keep(self._planned(legs))
                 if drive.missed + drive.deep <= 2.0 * STEERING.missed:
                     self.least = min(self.least, drive.time * self.units.time)
             if self._good_enough:
@@ -169,13 +167,13 @@ class LegSearch:
         """True if the best plan takes about as long as a manoeuvre among what stands alone."""
         return self.best is not None and self.best.travel_time <= (1.0 + LEGS.worth) * self.least
 
-    def _leads_ahead(self, than: Plan) -> Steps[bool]:
+    def _leads_ahead(self, than: Plan) -> bool:
         """True if a manoeuvre of one leg ahead may take less than another."""
         if self.inside.vehicle.reverse is None:
             return True
         alone = changed(self.inside, vehicle=changed(self.inside.vehicle, reverse=None))
         search = ManoeuvreSearch(alone, self.batch, self.curvature, self.deadline)
-        return bool((yield from search.run(than.travel_time / self.units.time)))
+        return bool(search.run(than.travel_time / self.units.time))
 
     def _keep(self, made: Plan | None) -> None:
         """Keep a plan if it is certified, and faster than the best so far."""
@@ -185,14 +183,14 @@ class LegSearch:
         if made.certified and (self.best is None or made.travel_time < self.best.travel_time):
             self.best = made
 
-    def _planned(self, steered: Steered) -> Steps[Plan | None]:
+    def _planned(self, steered: Steered) -> Plan | None:
         """Plan legs one after the other, each from where and when the one before it ends."""
         scenario, legs, plans, time = self.scenario, list[Leg](), list[Plan](), self.scenario.start.time
         last = len(steered.legs) - 1
         for number, leg in enumerate(steered.legs):
             start = scenario.start if number == 0 else self._end(scenario.start, leg.poses[0])
             goal = scenario.goal if number == last else self._end(_ANYWHEN, leg.poses[-1])
-            made = yield from self._leg(leg, start, goal, time)
+            made = self._leg(leg, start, goal, time)
             if made is None:
                 return None
             plans.append(made)
@@ -222,7 +220,7 @@ class LegSearch:
         )
         return made.verified(self.scenario, threat_zones=self.zones)
 
-    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Steps[Plan | None]:
+    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Plan | None:
         """Plan a leg that sets out at a time, s, or later if it is not clear then."""
         moving = {self.batch.ids[number] for number in self.batch.moving}
         for delay in LEGS.delays:
@@ -231,7 +229,6 @@ class LegSearch:
                 places = [self.units.world(place) for place in corners.tolist()]
                 guide = (begin.position, *places[1:-1], goal.position)
                 made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
-                yield
                 if made.certified:
                     return made
             if made.clearance.obstacle not in moving or start.speed > 0.0 or perf_counter() > self.deadline:

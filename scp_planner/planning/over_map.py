@@ -15,7 +15,6 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import points_at
-from scp_planner.pauses import Steps, all_at_once
 from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.routes.outlines import StandingShape, standing_shapes
@@ -63,7 +62,7 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         told = replace(found, status=PlanStatus.INFEASIBLE, reason=_no_route(scenario, ground.map, routes.standing))
         return found if found.certified else told
     search = CorridorSearch(scenario, plan, routes, began, time_limit)
-    return replace(all_at_once(search.run(route)), wall_time=perf_counter() - began)
+    return replace(search.run(route), wall_time=perf_counter() - began)
 
 
 def ground_along(routes: MapRoutes, lines: Sequence[Array]) -> list[Array]:
@@ -89,8 +88,8 @@ class CorridorSearch:
         self.grown: list[Array] = []
         self.best: Plan | None = None
 
-    def run(self, shortest: Array) -> Steps[Plan]:
-        """Find the fastest certified trip, or else the best attempt; a step is one plan."""
+    def run(self, shortest: Array) -> Plan:
+        """Find the fastest certified trip, or else the best attempt."""
         lines = [shortest] if self.routes.drivable is None else [self.routes.drivable, shortest]
         if self.scenario.guide is not None or may_have_legs(self.scenario):  # which find guides of their own
             if self.scenario.guide is not None:
@@ -101,14 +100,11 @@ class CorridorSearch:
             for line in lines:
                 if not (self._certified and (self.least(line) >= self._time or self._leads_through(line))):
                     self._along([line], line)
-                    yield
             if not self._certified and len(self.routes.along(shortest)) <= MAPS.most_open:
                 self._along(lines)
-                yield
             for _ in range(OVER_MAP.grown):
                 if not self._certified or self._over or not self._regrown():
                     break
-                yield
         assert self.best is not None
         return replace(self.best, iterations=self.iterations)
 

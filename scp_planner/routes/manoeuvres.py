@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.pauses import Steps
+from scp_planner.pauses import pause
 from scp_planner.routes.reeds_shepp import along, words
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -164,7 +164,7 @@ class ManoeuvreSearch:
     def _room_at(self, pose: Array) -> float:
         return float(self.room.least(pose[None])[0])
 
-    def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> Steps[list[Manoeuvre]]:
+    def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> list[Manoeuvre]:
         """Find the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster."""
         found: dict[tuple[int, ...], Manoeuvre] = {}
         nodes = _Nodes(self.first)
@@ -187,7 +187,7 @@ class ManoeuvreSearch:
                     found[made.kind] = made
             most = min(most, nodes.count + SEARCH.more_nodes) if found else most
             waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best)])
-            yield
+            pause()
         return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]
 
     def _expanded(self, nodes: _Nodes, chosen: Index, best: Array) -> Index:

@@ -11,6 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.pauses import pause
 from scp_planner.routes.drivable import drivable_route
 from scp_planner.routes.outlines import StandingShape
 from scp_planner.scenario.models import Scenario
@@ -124,6 +125,7 @@ class MapRoutes:
 
     def _round(self, begin: Array, end: Array) -> Array:
         """Cut the nearest cell off a box round a leg till none is left (Liu et al. 2017); all, if the leg is on one."""
+        pause()
         ground, least = self.ground, MAPS.least * self.radius / self.ground.resolution
         wide = MAPS.wide * self.radius / ground.resolution
         one, other = ground.local([begin, end])

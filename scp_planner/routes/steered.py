@@ -16,7 +16,7 @@ from math import inf, pi
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.pauses import Steps
+from scp_planner.pauses import pause
 from scp_planner.routes.manoeuvres import Manoeuvre
 from scp_planner.scenario.models import Scenario
 from scp_planner.solvers.interface import QuadraticProgram, SolverStatus, solver_named
@@ -80,26 +80,26 @@ class Steering:
         self.scenario, self.zones, self.radius, self.curvature = scenario, zones, radius, curvature
         self.solver = solver_named("daqp")
 
-    def among_standing(self, manoeuvre: Manoeuvre) -> Steps[Drive]:
+    def among_standing(self, manoeuvre: Manoeuvre) -> Drive:
         """Find the drive of the least time near a manoeuvre, among what stands."""
         return self._improved(self._start(manoeuvre), self.zones.subset(self.zones.standing))
 
-    def improved(self, found: Drive) -> Steps[Steered]:
+    def improved(self, found: Drive) -> Steered:
         """Find the legs of the least time near a drive, with waits for what moves."""
         if len(self.zones.moving) == 0:
             return found.steered()
-        best = yield from self._improved(found, self.zones)
+        best = self._improved(found, self.zones)
         for waiting in self._waiting(found):
-            other = yield from self._improved(waiting, self.zones)
+            other = self._improved(waiting, self.zones)
             best = min(best, other, key=lambda each: each.merit)
         return best.steered()
 
-    def _improved(self, start: Drive, zones: ZoneBatch) -> Steps[Drive]:
+    def _improved(self, start: Drive, zones: ZoneBatch) -> Drive:
         """Go on from a drive, step by step, among some zones."""
         now, trust = replace(start, zones=zones), STEERING.trust
         for _ in range(STEERING.steps):
+            pause()
             step = self._step(now, trust)
-            yield
             if step is None:
                 trust *= STEERING.shrunk
                 continue

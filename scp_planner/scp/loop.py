@@ -10,6 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.constraints.drive import DriveRows
 from scp_planner.constraints.rows import Rows
+from scp_planner.pauses import pause
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.candidate import Candidate, Linearised
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
@@ -88,6 +89,7 @@ class ScpLoop:
 
     def step(self, state: LoopState) -> bool:
         """Linearise the trip, solve, and judge where the step leads; return True if the run has ended with that."""
+        pause()
         state.number += 1
         now = perf_counter()
         if now + self.parameters.spared * (now - state.begun) > state.limits.deadline:

@@ -171,3 +171,13 @@ def test_a_map_that_cannot_be(tmp_path: Path) -> None:
     )
     with pytest.raises(sp.ScenarioError, match="corridor"):
         lane.update_map(sp.OccupancyMap(room(5), CELL))
+
+
+def test_a_vehicle_that_creeps_where_it_stands_finds_a_route() -> None:
+    drive = Drive(room(20))
+    for number in range(400):
+        time, creep = 0.1 * number, 1e-5 * number
+        plan = drive.planner.replan(time, (START[0] + creep, START[1]), 0.0, 1e-4, deadline=1e-3)
+        if plan.code is not sp.ReasonCode.OUT_OF_TIME:
+            break
+    assert plan.safe and plan.code is not sp.ReasonCode.OUT_OF_TIME, plan.reason

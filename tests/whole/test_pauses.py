@@ -1,0 +1,56 @@
+"""Work in turns: it goes on where it was left, and ends when nobody wants it any more."""
+
+from __future__ import annotations
+
+import math
+import threading
+from time import perf_counter, sleep
+
+import pytest
+
+from scp_planner.pauses import InTurns, pause
+
+
+def test_work_goes_on_where_it_was_left() -> None:
+    done = list[int]()
+
+    def count() -> int:
+        for number in range(4):
+            done.append(number)
+            pause()
+        return sum(done)
+
+    work = InTurns(count)
+    for turn in range(4):
+        assert not work.go_on(-math.inf)
+        assert done == list(range(turn + 1))
+    assert work.go_on(-math.inf) and work.found == 6
+    assert InTurns(count).go_on(math.inf), "all of it where there is time"
+    pause()  # elsewhere, nothing waits
+
+
+def test_an_error_reaches_who_asked() -> None:
+    work = InTurns(lambda: 1 // 0)
+    assert work.go_on(perf_counter())
+    with pytest.raises(ZeroDivisionError):
+        print(work.found)
+
+
+def test_work_that_nobody_wants_ends() -> None:
+    left = list[bool]()
+
+    def endless() -> None:
+        try:
+            while True:
+                pause()
+        finally:
+            left.append(True)
+
+    before = threading.active_count()
+    work = InTurns(endless)
+    assert not work.go_on(perf_counter()) and threading.active_count() == before + 1
+    del work
+    until = perf_counter() + 10.0
+    while threading.active_count() > before and perf_counter() < until:
+        sleep(0.001)
+    assert left == [True] and threading.active_count() == before
