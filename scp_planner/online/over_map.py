@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ class OnlineMapParameters:
     patience: float = 3.0  # Units of time that the vehicle stands in vain, until another route is looked for
     growth: float = 2.0  # Factor of that from one time to the next
     gain: float = 0.02  # Share by which another route must be faster for the vehicle to change over
-    budget: float = 1.0  # s of wall time, after which no better trip is looked for where replans have deadlines
+    budget: float = 1.0  # s of work, after which no better trip is looked for where replans have deadlines
     share: float = 0.5  # Of the time up to a deadline, for the search
 
 
@@ -119,11 +119,10 @@ class RouteAhead:
         left: float,
         budget: float | None,
     ) -> Plan | Reason | None:
-
-        def one(within: Scenario, left: float | None, along: Array | None = None) -> Plan:
+        def one(within: Scenario, _left: float | None, along: Array | None = None) -> Plan:
             settings = replace(means.settings, clearance_margin=SceneSettings.clearance_margin)
             found = (*standing, *corridor_zones(within))
-            return planned(within, settings, None, left, threat_zones=found, along=along)
+            return planned(within, settings, None, None, threat_zones=found, along=along)
 
         while True:
             shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
@@ -137,7 +136,8 @@ class RouteAhead:
         if line is None:
             places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
             return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
-        search = CorridorSearch(scene, one, routes, perf_counter(), budget)
+        end = None if budget is None else thread_time() + budget
+        search = CorridorSearch(scene, one, routes, lambda: None if end is None else max(end - thread_time(), 0.0))
         if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
             return None
         found = search.run(line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Protocol
@@ -61,7 +61,7 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
         found = _certified(scenario, plan(bare, _left(began, time_limit)))
         told = replace(found, status=PlanStatus.INFEASIBLE, reason=_no_route(scenario, ground.map, routes.standing))
         return found if found.certified else told
-    search = CorridorSearch(scenario, plan, routes, began, time_limit)
+    search = CorridorSearch(scenario, plan, routes, lambda: _left(began, time_limit))
     return replace(search.run(route), wall_time=perf_counter() - began)
 
 
@@ -81,9 +81,10 @@ class CorridorSearch:
     """Plans in corridors along routes, then along the best trip, while it gets faster."""
 
     def __init__(
-        self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, began: float, time_limit: float | None
+        self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, left: Callable[[], float | None]
     ) -> None:
-        self.scenario, self.plan, self.routes, self.began, self.time_limit = scenario, plan, routes, began, time_limit
+        """Take a function of the time that is left, s, None: any."""
+        self.scenario, self.plan, self.routes, self.left = scenario, plan, routes, left
         self.iterations = 0
         self.grown: list[Array] = []
         self.best: Plan | None = None
@@ -124,8 +125,7 @@ class CorridorSearch:
 
     @property
     def _over(self) -> bool:
-        left = _left(self.began, self.time_limit)
-        return left is not None and left == 0.0
+        return self.left() == 0.0
 
     def _regrown(self) -> bool:
         """Plan in ground grown along the best trip; return True if it is worth doing again."""
@@ -156,7 +156,7 @@ class CorridorSearch:
         within = with_ground(self.scenario, self.grown)
         if along is not None:
             along = np.concatenate([[self.scenario.start.position], along[1:-1], [self.scenario.goal.position]])
-        found = _certified(self.scenario, self.plan(within, _left(self.began, self.time_limit), along))
+        found = _certified(self.scenario, self.plan(within, self.left(), along))
         self.iterations += found.iterations
         best = self.best
         if best is None or found.certified > best.certified:
