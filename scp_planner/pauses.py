@@ -85,15 +85,19 @@ class _Worker(Thread):
         if self.ident is None:
             self.start()
         self._own.release()
-        self._others.acquire()
+        try:
+            self._others.acquire()
+        except BaseException:  # an interrupt: the work must not go on beside who asked for it
+            self.leave()
+            raise
         return self._done
 
     def pause(self) -> None:
-        if perf_counter() > self._until:
+        if perf_counter() > self._until and not self._left:
             self._others.release()
             self._own.acquire()
-            if self._left:
-                raise _LeftError
+        if self._left:
+            raise _LeftError
 
     def leave(self) -> None:
         self._left = True

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 import threading
 from time import perf_counter, sleep
 
@@ -54,3 +56,32 @@ def test_work_that_nobody_wants_ends() -> None:
     while threading.active_count() > before and perf_counter() < until:
         sleep(0.001)
     assert left == [True] and threading.active_count() == before
+
+
+def test_an_interrupt_ends_the_work() -> None:
+    left, begun = threading.Event(), threading.Event()
+
+    def endless() -> None:
+        try:
+            while True:
+                begun.set()
+                pause()
+        finally:
+            left.set()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def later() -> None:
+        begun.wait(10.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    work = InTurns(endless)
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        threading.Thread(target=later).start()
+        with pytest.raises(KeyboardInterrupt):
+            work.go_on(math.inf)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert left.wait(10.0) and work.go_on(math.inf)
