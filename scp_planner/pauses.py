@@ -1,6 +1,6 @@
 """Looks at the clock during long work: by what has a deadline, or by rooms that know none and ask whether to go on.
 
-Work that goes on between replans runs on a thread of its own, in turns with who asks for it, never beside it.
+A search that goes on between replans is a coroutine on a thread of its own, which never runs beside its owner.
 """
 
 from __future__ import annotations
@@ -25,35 +25,41 @@ class OutOfTimeError(Exception):
 
 
 def look_at_the_clock(deadline: float) -> None:
-    """Give up work that is late; let others have their turn, if this is work in turns."""
+    """Give up work that is late; suspend a coroutine whose slice has ended."""
     pause()
     if perf_counter() > deadline:
         raise OutOfTimeError
 
 
-class InTurns(Generic[T]):
-    """Work that goes on for a while whenever it is asked to: it is left where it calls `pause`, and comes back there.
+class Coroutine(Generic[T]):
+    """A function that runs in slices: it is suspended where it calls `pause`, and resumed there.
 
     Parameters
     ----------
     work : callable
-        Returns what comes of it. It ends where it is once nobody holds this object.
+        Must not hold this object, which ends the work when it is deleted. After an interrupt the work begins anew.
     """
 
     def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
         self._worker = _Worker(work)
 
-    def go_on(self, until: float) -> bool:
-        """Go on up to a pause after a wall time; return True if the work is done."""
-        return self._worker.go_on(until)
+    def resume(self, until: float) -> bool:
+        """Run up to the first pause after a wall time; return True if the work is done."""
+        try:
+            return self._worker.resume(until)
+        except BaseException:  # the work must not go on beside its owner
+            self._worker.leave()
+            self._worker = _Worker(self._work)
+            raise
 
     @property
-    def found(self) -> T:
+    def result(self) -> T:
         """Result of the work that is done; raise the error that ended it."""
         if self._worker.error is not None:
             raise self._worker.error
-        found: T = self._worker.found
-        return found
+        result: T = self._worker.result
+        return result
 
     def __del__(self) -> None:
         """End the work."""
@@ -61,40 +67,36 @@ class InTurns(Generic[T]):
 
 
 def pause() -> None:
-    """Let others have their turn, where this is work in turns and its own has passed."""
+    """Suspend a coroutine whose slice has ended; do nothing elsewhere."""
     thread = current_thread()
     if isinstance(thread, _Worker):
         thread.pause()
 
 
 class _LeftError(BaseException):
-    """Nobody wants to know any more."""
+    """The owner of a coroutine is gone."""
 
 
 class _Worker(Thread):
     def __init__(self, work: Callable[[], Any]) -> None:
         super().__init__(daemon=True)
         self._work, self._context = work, copy_context()
-        self._own, self._others = Semaphore(0), Semaphore(0)
+        self._own, self._owners = Semaphore(0), Semaphore(0)
         self._until, self._left, self._done = math.inf, False, False
-        self.found: Any = None
+        self.result: Any = None
         self.error: BaseException | None = None
 
-    def go_on(self, until: float) -> bool:
+    def resume(self, until: float) -> bool:
         self._until = until
         if self.ident is None:
             self.start()
         self._own.release()
-        try:
-            self._others.acquire()
-        except BaseException:  # an interrupt: the work must not go on beside who asked for it
-            self.leave()
-            raise
+        self._owners.acquire()
         return self._done
 
     def pause(self) -> None:
         if perf_counter() > self._until and not self._left:
-            self._others.release()
+            self._owners.release()
             self._own.acquire()
         if self._left:
             raise _LeftError
@@ -106,14 +108,11 @@ class _Worker(Thread):
     def run(self) -> None:
         self._own.acquire()
         try:
-            if not self._left:
-                self.found = self._context.run(self._work)
-        except _LeftError:
-            self.found = None
+            self.result = self._context.run(self._work)
         except BaseException as error:
             self.error = error
         self._done = True
-        self._others.release()
+        self._owners.release()
 
 
 def with_pauses(things: Iterable[T], go_on: GoOn | None) -> Iterator[T]:

@@ -25,7 +25,7 @@ from scp_planner.online.remaining import State
 from scp_planner.online.safety_gate import Moment, Vetted
 from scp_planner.online.stops import STOPS, standing_trip
 from scp_planner.online.tolerances import OFF
-from scp_planner.pauses import InTurns
+from scp_planner.pauses import Coroutine
 from scp_planner.planning.legs import LEGS, LegSearch
 from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan, PlanStatus
@@ -64,7 +64,7 @@ class LegsAhead:
         self.at_end = False  # the vehicle stands at its goal, and heads as it is to
         self._trip: Trip | None = None  # of the leg under way, as it was found
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
-        self._search: InTurns[Plan] | None = None
+        self._search: Coroutine[Plan] | None = None
         self._from: State | None = None  # where the search begins
         self._due, self._again, self._patience = True, -math.inf, ONLINE_LEGS.patience
 
@@ -196,9 +196,10 @@ class LegsAhead:
             vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0, acceleration=None)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
-            self._search, self._from = InTurns(LegSearch(scene, one, zones=zones).run), state
-        if self._search.go_on(now.deadline):
-            self._take(self._search.found)
+            self._search = Coroutine(lambda: LegSearch(scene, one, zones=zones).run())
+            self._from = state
+        if self._search.resume(now.deadline):
+            self._take(self._search.result)
         return not self._due
 
     def _take(self, found: Plan) -> None:

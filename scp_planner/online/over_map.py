@@ -18,14 +18,14 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Ends
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.occupancy import NAME
+from scp_planner.mathematics.occupancy import NAME, OccupancyMap
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY
 from scp_planner.online.reasons import REASONS, Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
-from scp_planner.pauses import InTurns, pause
+from scp_planner.pauses import Coroutine, pause
 from scp_planner.planning.offline import planned
 from scp_planner.planning.over_map import OVER_MAP, CorridorSearch, ground_along, with_ground
 from scp_planner.planning.plan import Plan
@@ -68,7 +68,7 @@ class RouteAhead:
         self.begin: Trip | None = None  # Found, and not yet driven
         self._left: Trip | None = None  # The trip of the last plan when it was found
         self._grown, self._due = False, True
-        self._search: InTurns[Plan | Reason | None] | None = None
+        self._search: Coroutine[Plan | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again, self._patience = np.inf, ONLINE_MAP.patience
 
@@ -77,7 +77,7 @@ class RouteAhead:
         return {**self.__dict__, "_search": None}
 
     def renewed(self, now: Replan, means: Means) -> bool:
-        """Look for a route up to the deadline, where that is due; return True if the ground is another one."""
+        """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
         state, last, grown = now.moment.state, now.last, self._grown
         leads = last is not None and last.outcome not in AWAY and means.arrival.is_end_of(last.trip)
         if leads and last is not None and last.trip is not self._left:
@@ -102,46 +102,13 @@ class RouteAhead:
             self._from = state
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
             self._search = self._searching(now, means, left if self.none is None else np.inf)
-        done = self._search.go_on(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
-        return done and self._take(self._search.found, now, means)
+        done = self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
+        return done and self._take(self._search.result, now, means)
 
-    def _searching(self, now: Replan, means: Means, left: float) -> InTurns[Plan | Reason | None]:
-        """Find the fastest trip among what stands, or over the map alone; None if it is no faster than a time, s."""
+    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[Plan | Reason | None]:
         scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
         budget = ONLINE_MAP.budget if np.isfinite(now.deadline) else None
-        return InTurns(partial(self._found, scene, standing, means, left, budget))
-
-    def _found(
-        self,
-        scene: Scenario,
-        standing: tuple[ThreatZone, ...],
-        means: Means,
-        left: float,
-        budget: float | None,
-    ) -> Plan | Reason | None:
-        def one(within: Scenario, _left: float | None, along: Array | None = None) -> Plan:
-            settings = replace(means.settings, clearance_margin=SceneSettings.clearance_margin)
-            found = (*standing, *corridor_zones(within))
-            return planned(within, settings, None, None, threat_zones=found, along=along)
-
-        while True:
-            shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
-            batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
-            routes = MapRoutes(scene, self.map, standing_shapes(batch))
-            line = routes.route()
-            pause()
-            if line is not None or not standing:
-                break
-            standing = ()
-        if line is None:
-            places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
-            return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
-        end = None if budget is None else thread_time() + budget
-        search = CorridorSearch(scene, one, routes, lambda: None if end is None else max(end - thread_time(), 0.0))
-        if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
-            return None
-        found = search.run(line)
-        return found if found.travel_time < left * (1.0 - ONLINE_MAP.gain) else None
+        return Coroutine(partial(_fastest, scene, self.map, standing, means.settings, left, budget))
 
     def _take(self, found: Plan | Reason | None, now: Replan, means: Means) -> bool:
         """Drive what was found from now on; where there is none, go on as before."""
@@ -176,6 +143,41 @@ class RouteAhead:
         scene = means.scenario_at(state)
         guide, vehicle = asked.guide and scene.guide, changed(scene.vehicle, radius=radius)
         return changed(scene, corridor=None, guide=guide, vehicle=vehicle)
+
+
+def _fastest(
+    scene: Scenario,
+    ground: OccupancyMap,
+    standing: tuple[ThreatZone, ...],
+    settings: SceneSettings,
+    left: float,
+    budget: float | None,
+) -> Plan | Reason | None:
+    """Find the fastest trip among what stands, or over the map alone; None if it is no faster than a time, s."""
+    settings = replace(settings, clearance_margin=SceneSettings.clearance_margin)
+
+    def one(within: Scenario, _left: float | None, along: Array | None = None) -> Plan:  # no limit: a plan is finished
+        found = (*standing, *corridor_zones(within))
+        return planned(within, settings, None, None, threat_zones=found, along=along)
+
+    while True:
+        shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
+        batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
+        routes = MapRoutes(scene, ground, standing_shapes(batch))
+        line = routes.route()
+        pause()
+        if line is not None or not standing:
+            break
+        standing = ()
+    if line is None:
+        places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
+        return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
+    end = None if budget is None else thread_time() + budget
+    search = CorridorSearch(scene, one, routes, lambda: None if end is None else max(end - thread_time(), 0.0))
+    if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
+        return None
+    found = search.run(line)
+    return found if found.travel_time < left * (1.0 - ONLINE_MAP.gain) else None
 
 
 def _ahead(trip: Trip, state: State) -> Array:

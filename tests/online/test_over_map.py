@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import copy
+import gc
 import pickle
+import threading
 from functools import lru_cache
 from pathlib import Path
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -181,3 +184,18 @@ def test_a_vehicle_that_creeps_where_it_stands_finds_a_route() -> None:
         if plan.code is not sp.ReasonCode.OUT_OF_TIME:
             break
     assert plan.safe and plan.code is not sp.ReasonCode.OUT_OF_TIME, plan.reason
+
+
+def test_searches_end_with_their_planner() -> None:
+    before = threading.active_count()
+    drive = Drive(room(20))
+    for goal in (GOAL, (7.0, 3.0)):  # another goal: another search
+        drive.planner.set_goal({"position": goal})
+        drive.planner.replan(0.0, START, 0.0, 0.0, deadline=1e-3)
+    assert threading.active_count() > before
+    del drive
+    gc.collect()
+    until = perf_counter() + 10.0
+    while threading.active_count() > before and perf_counter() < until:
+        sleep(0.001)
+    assert threading.active_count() == before

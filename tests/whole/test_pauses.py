@@ -1,4 +1,4 @@
-"""Work in turns: it goes on where it was left, and ends when nobody wants it any more."""
+"""Coroutines: they go on where they were suspended, and end with their owners."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from time import perf_counter, sleep
 
 import pytest
 
-from scp_planner.pauses import InTurns, pause
+from scp_planner.pauses import Coroutine, pause
 
 
 def test_work_goes_on_where_it_was_left() -> None:
@@ -22,20 +22,20 @@ def test_work_goes_on_where_it_was_left() -> None:
             pause()
         return sum(done)
 
-    work = InTurns(count)
+    work = Coroutine(count)
     for turn in range(4):
-        assert not work.go_on(-math.inf)
+        assert not work.resume(-math.inf)
         assert done == list(range(turn + 1))
-    assert work.go_on(-math.inf) and work.found == 6
-    assert InTurns(count).go_on(math.inf), "all of it where there is time"
+    assert work.resume(-math.inf) and work.result == 6
+    assert Coroutine(count).resume(math.inf), "all of it where there is time"
     pause()  # elsewhere, nothing waits
 
 
 def test_an_error_reaches_who_asked() -> None:
-    work = InTurns(lambda: 1 // 0)
-    assert work.go_on(perf_counter())
+    work = Coroutine(lambda: 1 // 0)
+    assert work.resume(perf_counter())
     with pytest.raises(ZeroDivisionError):
-        print(work.found)
+        print(work.result)
 
 
 def test_work_that_nobody_wants_ends() -> None:
@@ -49,8 +49,8 @@ def test_work_that_nobody_wants_ends() -> None:
             left.append(True)
 
     before = threading.active_count()
-    work = InTurns(endless)
-    assert not work.go_on(perf_counter()) and threading.active_count() == before + 1
+    work = Coroutine(endless)
+    assert not work.resume(perf_counter()) and threading.active_count() == before + 1
     del work
     until = perf_counter() + 10.0
     while threading.active_count() > before and perf_counter() < until:
@@ -58,10 +58,12 @@ def test_work_that_nobody_wants_ends() -> None:
     assert left == [True] and threading.active_count() == before
 
 
-def test_an_interrupt_ends_the_work() -> None:
+def test_an_interrupt_ends_the_work_and_it_begins_anew() -> None:
     left, begun = threading.Event(), threading.Event()
 
-    def endless() -> None:
+    def endless_at_first() -> str:
+        if begun.is_set():
+            return "anew"
         try:
             while True:
                 begun.set()
@@ -76,12 +78,12 @@ def test_an_interrupt_ends_the_work() -> None:
         begun.wait(10.0)
         os.kill(os.getpid(), signal.SIGINT)
 
-    work = InTurns(endless)
+    work = Coroutine(endless_at_first)
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         threading.Thread(target=later).start()
         with pytest.raises(KeyboardInterrupt):
-            work.go_on(math.inf)
+            work.resume(math.inf)
     finally:
         signal.signal(signal.SIGINT, before)
-    assert left.wait(10.0) and work.go_on(math.inf)
+    assert left.wait(10.0) and work.resume(math.inf) and work.result == "anew"
