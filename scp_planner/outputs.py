@@ -25,7 +25,7 @@ OUTPUTS = {
     "run draw": "scp_planner.plotting.views:draw_run",
     "run recorded": "scp_planner.simulation.recorder:load_recording",
     "planner record": "scp_planner.simulation.recorder:Recorder",
-    "live scene": "scp_planner.export.foxglove:live_scene",
+    "live scene": "scp_planner.export.foxglove:LiveScene",
     "run recording": "scp_planner.plotting.run_recording:record_run",
 }
 

@@ -70,16 +70,6 @@ class Scene:
         self._scene = channels.SceneUpdateChannel("/scene", context=self.context)
         self._transform = channels.FrameTransformChannel("/tf", context=self.context)
         self._replans = foxglove.Channel("/replan", context=self.context)
-        self._server: Any = None
-
-    def serve(self, host: str, port: int) -> Scene:
-        """Send what comes to who connects, until `close`."""
-        self._server = self.foxglove.start_server(name="scp_planner", host=host, port=port, context=self.context)
-        return self
-
-    def close(self) -> None:
-        """Stop the server."""
-        self._server.stop()
 
     def replan(self, cycle: Cycle, plan: Plan, scenario: Scenario) -> None:
         """Show a replan."""
@@ -93,7 +83,7 @@ class Scene:
             *(making.entity(name, stamp, lines=[line]) for name, line in walls.items()),
             making.vehicle(self._body, stamp, scenario.vehicle),
         ]
-        gone = making.gone([*zones, *walls], stamp)
+        gone = making.gone([*zones, *walls], stamp)  # walls are sent each time, for viewers that connect later
         self._scene.log(self._messages.SceneUpdate(deletions=gone, entities=entities), log_time=stamp)
         self._transform.log(making.transform(cycle, self._body, stamp), log_time=stamp)
         told = {"outcome": cycle.outcome, "safe": cycle.safe, "code": cycle.code, "reason": cycle.reason}
@@ -101,9 +91,16 @@ class Scene:
         self._replans.log(told, log_time=stamp)
 
 
-def live_scene(host: str = "127.0.0.1", port: int = 8765) -> Scene:
-    """Serve a scene to Foxglove, at ws://HOST:PORT."""
-    return Scene().serve(host, port)
+class LiveScene(Scene):
+    """A scene that is served at ws://127.0.0.1:8765 until it is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._server = self.foxglove.start_server(name="scp_planner", context=self.context)
+
+    def close(self) -> None:
+        """Stop the server."""
+        self._server.stop()
 
 
 class _Making:

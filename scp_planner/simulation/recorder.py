@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -53,20 +54,27 @@ class Recorder:
     def __init__(self, planner: Planner, path: str | PathLike[str] | None = None, live: bool = False) -> None:
         if path is not None and Path(path).suffix.lower() != RECORDING_SUFFIX:
             raise ValueError(f"{path}: must end in {RECORDING_SUFFIX}")
-        self._planner, self._path = planner, path
+        self._planner, self._path, self._serves = planner, path, live
+        self._scenario: Scenario  # as it is now
+        self._opened = ExitStack()
         self._file: TextIO | None = None
+        self._live: Any = None
         self._seen: list[Observation] = []
         self._writer = ThreadPoolExecutor(max_workers=1)
         self._error: OSError | None = None
-        self._live: Any = output_named("live scene")() if live else None
         self.lines: list[dict[str, Any]] = []
         """The lines so far of a recording that has no file."""
 
     def __enter__(self) -> Self:
         """Begin with the scenario."""
-        if self._path is not None:
-            self._file = open(self._path, "w", encoding="utf-8", newline="\n")
-        self._writer.submit(self._write, {"schema": 1, "scenario": self._planner.scenario.to_dict()})
+        with ExitStack() as opened:
+            if self._serves:
+                self._live = opened.enter_context(closing(output_named("live scene")()))
+            if self._path is not None:
+                self._file = opened.enter_context(open(self._path, "w", encoding="utf-8", newline="\n"))
+            self._opened = opened.pop_all()
+        self._scenario = self._planner.scenario
+        self._writer.submit(self._write, {"schema": 1, "scenario": self._scenario.to_dict()})
         self._planner.listeners.append(self)
         return self
 
@@ -76,10 +84,7 @@ class Recorder:
         """End the recording; the planner goes on without it. What could not be written is told now."""
         self._planner.listeners.remove(self)
         self._writer.shutdown()
-        if self._file is not None:
-            self._file.close()
-        if self._live is not None:
-            self._live.close()
+        self._opened.close()
         if self._error is not None and error is None:
             raise self._error
 
@@ -89,6 +94,7 @@ class Recorder:
 
     def changed(self, asked: Scenario) -> None:
         """Note another goal, ground or limits that the planner is given; the start is where it drives then."""
+        self._scenario = asked
         if asked.ground is not None and asked.ground.map.source is None:
             asked = changed(asked, ground=None)  # which could not be read again
         self._writer.submit(self._write, {"changed": asked.to_dict()})
@@ -107,7 +113,7 @@ class Recorder:
         del self._seen[: len(seen)]
         direction = float(plan.heading(time) if heading is None else heading)
         state = State(float(time), position, direction, float(speed), wall_time)
-        self._writer.submit(self._write_replan, state, seen, plan, self._planner.zones, self._planner.scenario)
+        self._writer.submit(self._write_replan, state, seen, plan, self._planner.zones, self._scenario)
 
     def _write_replan(
         self,
