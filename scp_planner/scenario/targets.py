@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar
 
+import numpy as np
 from pydantic import BeforeValidator, Field
 
 from scp_planner.errors import MISSING
@@ -104,7 +105,8 @@ def about_where(data: Any, obstacles: Any, start: Any, speed: Any) -> tuple[floa
 
 
 def _field(data: Any, name: str) -> Any:
-    return data.get(name) if isinstance(data, Mapping) else getattr(data, name, None)
+    value = data.get(name) if isinstance(data, Mapping) else getattr(data, name, None)
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _state(target: Any, now: float) -> tuple[float, list[float], list[float]]:
