@@ -15,6 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics import corridor
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
@@ -33,13 +34,14 @@ from scp_planner.online.reasons import (
     passes_after,
     reason_of,
 )
-from scp_planner.online.remaining import State, _guide_from, bounds_round, remaining_trip
+from scp_planner.online.remaining import State, _guide_from, bounds_round, driven_at, path_ahead, remaining_trip
 from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF
 from scp_planner.planning.offline import GETS_AWAY
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
@@ -53,6 +55,7 @@ from scp_planner.settings.planning import SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones, is_touched
+from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -234,12 +237,28 @@ class Means:
         if self.following.room > 0.0:  # from the border of the workspace too
             roomy = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + self.following.room})
             scenario = scenario.model_copy(update={"vehicle": roomy})
-        problem = build_problem(scenario, (), self.settings, self.breakpoints)
+        problem = build_problem(scenario, (), self.settings, self.breakpoints, self._guide(now, scenario))
         batch = self.foreseen(now.moment.batch)
         spare = self.settings.clearance_margin + self.following.room
         if not self.gives_way_late:
             spare += REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
         return problem.among(batch.inflated(np.full(batch.size, spare)))
+
+    def _guide(self, now: Replan, scenario: Scenario) -> Guide | None:
+        """The guide of trips: where that turns about, along what is left of the last trip, led to the goal."""
+        start, goal, last = scenario.start, scenario.goal, now.last
+        given = scenario.guide is not None or scenario.corridor is not None
+        if given or now.aimless or last is None or last.outcome in AWAY:
+            return None
+        frame = PlanningFrame.between(start.position, goal.position, start.time)
+        limits = Limits.of(scenario, self.settings.limit_margin).rounded()
+        guide, first = default_guide(scenario, frame, limits, self.settings), driven_at(last.trip, start.time)
+        if guide.straight or first == 1.0:
+            return guide
+        # The shortest way about differs from replan to replan, and so do trips over it
+        ahead = path_ahead(last.trip, first, frame, goal.position)
+        ahead -= np.linspace(1.0, 0.0, len(ahead))[:, None] ** 2 * ahead[0]
+        return guide_over(ahead, scenario, limits, self.settings)
 
     def vet(
         self,

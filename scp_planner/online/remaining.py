@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.tolerances import LENGTH, OFF, RELATIVE
 from scp_planner.problem.problem import Problem
@@ -89,13 +90,17 @@ def bounds_round(bounds: Bounds, vehicle: Vehicle, state: State) -> Bounds:
     return bounds.model_copy(update={"min": tuple(wider[0].tolist()), "max": tuple(wider[1].tolist())})
 
 
+def driven_at(trip: Trip, time: float) -> float:
+    """Normalised time of a trip at an absolute time, s."""
+    return min(max((time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
+
+
 def remaining_trip(problem: Problem, old: Trip, state: State, *, led: bool = False) -> Trajectory:
     """Fit what is left of a trip at a state, in the space of a problem that begins there.
 
     A trip that is led goes to the problem's goal, which has moved: its path is bent evenly.
     """
-    trajectory = old.trajectory
-    first = min(max((state.time - old.frame.time) / trajectory.travel_time, 0.0), 1.0)
+    trajectory, first = old.trajectory, driven_at(old, state.time)
     theta = _path(problem, old, first, led)
     if state.acceleration is not None:
         return _ramped(problem, theta, trajectory, first, state)
@@ -103,15 +108,20 @@ def remaining_trip(problem: Problem, old: Trip, state: State, *, led: bool = Fal
     return arriving(problem.space, theta, beta, problem.limits.acceleration)
 
 
-def _path(problem: Problem, old: Trip, first: float, led: bool) -> Array:
-    space, ends, trajectory = problem.space, problem.ends, old.trajectory
+def path_ahead(old: Trip, first: float, frame: PlanningFrame, goal: tuple[float, float] | None) -> Array:
+    """Points, (n, 2) m in a frame, of a trip from a normalised time on, bent evenly to a goal if that is given."""
+    trajectory = old.trajectory
     now = trajectory.at(trajectory.space.time_table(np.array([first])))
     parameters = np.linspace(float(now.parameter[0]), 1.0, REMAINING.path_samples)
-    points = trajectory.path.points(parameters)
-    ahead = problem.frame.to_frame(old.frame.to_world(points.position))
-    if led:
-        goal = problem.frame.to_frame(np.array(problem.scenario.goal.position))
-        ahead = ahead + np.linspace(0.0, 1.0, len(ahead))[:, None] ** 2 * (goal - ahead[-1])
+    ahead: Array = frame.to_frame(old.frame.to_world(trajectory.path.points(parameters).position))
+    if goal is not None:
+        ahead += np.linspace(0.0, 1.0, len(ahead))[:, None] ** 2 * (frame.to_frame(np.array(goal)) - ahead[-1])
+    return ahead
+
+
+def _path(problem: Problem, old: Trip, first: float, led: bool) -> Array:
+    space, ends = problem.space, problem.ends
+    ahead = path_ahead(old, first, problem.frame, problem.scenario.goal.position if led else None)
     x, y = _over(space.guide, ahead)
     off = float(y[0])
     back = min(max(REMAINING.way_back, REMAINING.way_back_times * abs(off)), space.length)

@@ -57,6 +57,22 @@ def test_matched_velocity_is_that_of_the_boat() -> None:
     assert np.hypot(*(driven - true)) < 0.35
 
 
+@pytest.mark.parametrize(("seed", "size"), [(0, 1.0), (1, 1.0), (3, 0.1), (6, 10.0)])
+def test_oncoming_boat_is_turned_about_for_and_matched(seed: int, size: float) -> None:
+    """Its estimate moves with each measurement, and with that the place to meet; the turn goes on all the same."""
+    pace = size**0.5  # accelerations stay as they are
+    position, velocity = np.array([20.0, 1.5]), pace * np.array([-1.0, 0.2])
+    scenario = sp.Scenario(
+        vehicle={**VEHICLE, "radius": 0.3 * size, "max_speed": 3.0 * pace},
+        start={**START, "heading": 0.3},
+        goal={"target": "boat", "match_velocity": True, "radius": 0.4 * size},
+        obstacles=[boat({"position": size * position, "velocity": velocity}, disc=0.4 * size)],
+    )
+    run = sp.simulate(scenario, noise=0.1 * size, rate=10.0 / pace, seed=seed, history=5.0 * pace)
+    assert run.arrived and away(run) <= 0.4 * size
+    assert run.travel_time <= 1.15 * sp.plan(scenario).travel_time
+
+
 def test_the_approach_is_by_the_direction_in_which_the_target_moves() -> None:
     steady = {"position": [12.0, 2.0], "velocity": [0.6, 0.6]}
     goal = {"radius": 0.5, "approach": [-1.0, -0.4]}
