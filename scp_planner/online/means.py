@@ -51,7 +51,7 @@ from scp_planner.search.first_trips import arcs, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import WAYS, WaySearch, ways_in_parts
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
-from scp_planner.settings.planning import SceneSettings
+from scp_planner.settings.planning import LONGEST_SPAN, SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones, is_touched
@@ -71,6 +71,7 @@ class ReplanParameters:
     # Share of the first span in which the slope of an acceleration that does not jump may change besides, as when
     # brakes are released
     soon: tuple[float, ...] = (0.125, 0.25, 0.5)
+    spans: int = 250  # Of a path over a guide as long as the straight way; many more take too much memory
     # Share of a deadline that is kept back at most for replans that took longer than theirs
     most_kept_back: float = 0.5
     overrun_kept: float = 0.8  # Share of that which is still kept back at each replan after it
@@ -237,14 +238,18 @@ class Means:
         if self.following.room > 0.0:  # from the border of the workspace too
             roomy = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + self.following.room})
             scenario = scenario.model_copy(update={"vehicle": roomy})
-        problem = build_problem(scenario, (), self.settings, self.breakpoints, self._guide(now, scenario))
+        line = np.array(scenario.guide or (scenario.start.position, scenario.goal.position))
+        span = float(np.hypot(*np.diff(line, axis=0).T).sum()) / REPLAN.spans
+        settings = replace(self.settings, path_span=min(max(self.settings.path_span, span), LONGEST_SPAN))
+        guide = self._guide(now, scenario, settings)
+        problem = build_problem(scenario, (), settings, self.breakpoints, guide)
         batch = self.foreseen(now.moment.batch)
         spare = self.settings.clearance_margin + self.following.room
         if not self.gives_way_late:
             spare += REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
         return problem.among(batch.inflated(np.full(batch.size, spare)))
 
-    def _guide(self, now: Replan, scenario: Scenario) -> Guide | None:
+    def _guide(self, now: Replan, scenario: Scenario, settings: SceneSettings) -> Guide | None:
         """The guide of trips: where that turns about, along what is left of the last trip, led to the goal."""
         start, goal, last = scenario.start, scenario.goal, now.last
         given = scenario.guide is not None or scenario.corridor is not None
@@ -252,13 +257,13 @@ class Means:
             return None
         frame = PlanningFrame.between(start.position, goal.position, start.time)
         limits = Limits.of(scenario, self.settings.limit_margin).rounded()
-        guide, first = default_guide(scenario, frame, limits, self.settings), driven_at(last.trip, start.time)
+        guide, first = default_guide(scenario, frame, limits, settings), driven_at(last.trip, start.time)
         if guide.straight or first == 1.0:
             return guide
         # The shortest way about differs from replan to replan, and so do trips over it
         ahead = path_ahead(last.trip, first, frame, goal.position)
         ahead -= np.linspace(1.0, 0.0, len(ahead))[:, None] ** 2 * ahead[0]
-        return guide_over(ahead, scenario, limits, self.settings)
+        return guide_over(ahead, scenario, limits, settings)
 
     def vet(
         self,

@@ -12,6 +12,7 @@ from scp_planner.settings.knobs import Above, Choice, Knob, Knobs, Range, knobs
 from scp_planner.units import Units
 
 LARGEST = 1e12  # in any unit, of a setting
+LONGEST_SPAN = 1000.0  # units of length
 
 
 def solver_names() -> tuple[str, ...]:
@@ -113,7 +114,7 @@ class SceneSettings(Settings):
         Units of time.
     """
 
-    path_span: Annotated[float, Range(0.1, 1000.0)] = 1.5
+    path_span: Annotated[float, Range(0.1, LONGEST_SPAN)] = 1.5
     clearance_margin: Annotated[float, Range(0.0, 10.0)] = 1e-3
     box_margin: Annotated[float, Range(0.0, 10.0)] = 5e-3
     max_offset: Annotated[float, Range(0.01, 1000.0)] = 8.0

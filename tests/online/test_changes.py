@@ -71,6 +71,17 @@ def test_another_goal_is_driven_to_about_as_fast_as_by_a_new_planner(goal: tuple
     assert drive.time - 2.0 <= 1.1 * (fresh.time - 2.0) + 0.6
 
 
+@pytest.mark.parametrize("far", [2.5e3, 5e4])
+def test_a_goal_far_behind_is_driven_to(far: float) -> None:
+    """A turn of a metre or two, and a way that is thousands of times as long."""
+    drive = Drive(made())
+    drive.on(0.25)
+    drive.planner.set_goal({"position": [-far, 30.0]})
+    plan = drive.on(0.35)[-1]
+    assert plan.safe
+    assert not plan.certified or plan.arrival_time > far / VEHICLE["max_speed"]
+
+
 def test_a_goal_after_one_that_was_reached() -> None:
     drive = Drive(made())
     assert drive.on(20.0)[-1].arrived
