@@ -193,7 +193,7 @@ def driven(asked: argparse.Namespace) -> None:
         if not known.certified:  # such as one that gets away
             left_out += 1
             continue
-        world = {one.id: motion_course(one.motion) for one in scenario.obstacles}
+        world = {one.id: motion_course(one.motion) for one in scenario.obstacles if isinstance(one.motion, sp.Motion)}
         if asked.study == "turned":
             begin = rng.uniform(0.0, known.travel_time)
             world["boat"] = manoeuvre(world["boat"], begin, 0.5 * rng.standard_normal(2))
