@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.passing import passes, passes_of
@@ -238,9 +239,7 @@ class Means:
         if self.following.room > 0.0:  # from the border of the workspace too
             roomy = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + self.following.room})
             scenario = scenario.model_copy(update={"vehicle": roomy})
-        line = np.array(scenario.guide or (scenario.start.position, scenario.goal.position))
-        span = float(np.hypot(*np.diff(line, axis=0).T).sum()) / REPLAN.spans
-        settings = replace(self.settings, path_span=min(max(self.settings.path_span, span), LONGEST_SPAN))
+        settings = self._along(scenario.guide or (scenario.start.position, scenario.goal.position))
         guide = self._guide(now, scenario, settings)
         problem = build_problem(scenario, (), settings, self.breakpoints, guide)
         batch = self.foreseen(now.moment.batch)
@@ -263,7 +262,12 @@ class Means:
         # The shortest way about differs from replan to replan, and so do trips over it
         ahead = path_ahead(last.trip, first, frame, goal.position)
         ahead -= np.linspace(1.0, 0.0, len(ahead))[:, None] ** 2 * ahead[0]
-        return guide_over(ahead, scenario, limits, settings)
+        return guide_over(ahead, scenario, limits, self._along(ahead))
+
+    def _along(self, line: ArrayLike) -> SceneSettings:
+        """Settings with no more than the most spans of a path along a polyline, (n, 2) m."""
+        span = float(np.hypot(*np.diff(np.asarray(line), axis=0).T).sum()) / REPLAN.spans
+        return replace(self.settings, path_span=min(max(self.settings.path_span, span), LONGEST_SPAN))
 
     def vet(
         self,
