@@ -28,9 +28,9 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.confidence import region_scale
-from scp_planner.tracking.kalman import estimate_process
+from scp_planner.tracking.dynamics import dynamics_of
+from scp_planner.tracking.kalman import estimate_process, first_state, update_state
 from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.motion_filter import MotionFilter
 from scp_planner.tracking.recursive import RecursiveEstimator
 
 OBSTACLES = (1, 60, 200, 1000)
@@ -62,11 +62,10 @@ def measure(call: Callable[[], object], repeat: int) -> Times:
 def updates(kind: str, obstacles: int) -> Callable[[], object]:
     """Give a call that updates all obstacles once, later each time."""
     positions = np.random.default_rng(0).normal(size=(1000, obstacles, 2))
-    estimator: RecursiveEstimator | MotionFilter
-    covariance = None
     if kind == "random walk":
-        estimator = MotionFilter(WALKERS, obstacles)
-    elif kind == "covariances vary":
+        return filtered_updates(positions)
+    covariance = None
+    if kind == "covariances vary":
         estimator = RecursiveEstimator(obstacles, 2, varying=True)
         covariance = np.broadcast_to(SIGMA, (obstacles, 2, 2))
     else:
@@ -76,6 +75,19 @@ def updates(kind: str, obstacles: int) -> Callable[[], object]:
     def update() -> None:
         step = next(steps)
         estimator.update(0.1 * step, positions[step % 1000], covariance)
+
+    return update
+
+
+def filtered_updates(positions: np.ndarray) -> Callable[[], object]:
+    """Give a call that updates the filters of all obstacles once, later each time."""
+    dynamics, obstacles, steps = dynamics_of(WALKERS), positions.shape[1], count(1)
+    noise = np.broadcast_to(SIGMA, (obstacles, 2, 2))
+    state = first_state(dynamics, WALKERS.velocity_deviation**2, np.zeros(obstacles), positions[0], noise)
+
+    def update() -> None:
+        step = next(steps)
+        update_state(dynamics, state, np.full(obstacles, 0.1 * step), positions[step % 1000], noise)
 
     return update
 

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
 from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
-from scp_planner.online.mixtures import Mixture, even
-from scp_planner.online.noticing import Bank
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
+from scp_planner.tracking.mixtures import Mixture, even
 from scp_planner.tracking.motion_estimate import standardised_speed
+from scp_planner.tracking.noticing import Bank
 
 
 @dataclass(frozen=True)

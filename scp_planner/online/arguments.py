@@ -14,11 +14,12 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.errors import Fault, ScenarioError
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.online.stops import STOPS
-from scp_planner.online.tolerances import EIGENVALUE, LEAST_DEVIATION, MOST_DEVIATION, RELATIVE
+from scp_planner.online.tolerances import EIGENVALUE, RELATIVE
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Ground, Obstacle, Order, Scenario, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.tolerances import SYMMETRY
+from scp_planner.tracking.tolerances import LEAST_DEVIATION, MOST_DEVIATION
 from scp_planner.units import Units
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import shift_matrices
-from scp_planner.online.change_hypotheses import ChangeHypotheses, least_variances
 from scp_planner.online.many_zones import Future, Level, Sizing, length_rule, made_zones
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.track import TRACKS, ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.change_hypotheses import ChangeHypotheses, least_variances
 from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
 from scp_planner.tracking.recursive import SquareRoots
 

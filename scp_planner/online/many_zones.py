@@ -12,15 +12,15 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.online.mixtures import Mixture, even
-from scp_planner.online.predictions import Later, Pieces, Prediction
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.reach import VELOCITY_SHARE, Reach, within_reach
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors, alpha_of_one, uniform_scale
+from scp_planner.tracking.mixtures import Mixture, even
 from scp_planner.tracking.motion_estimate import standardised_speed
+from scp_planner.tracking.predictions import Later, Pieces, Prediction
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 

@@ -14,7 +14,6 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.online.alarmed_zones import Alarmed, changes_among
-from scp_planner.online.change_hypotheses import CHANGE_HYPOTHESES, ChangeHypotheses
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.initialised_tracks import (
     InitialisedTracks,
@@ -25,21 +24,13 @@ from scp_planner.online.initialised_tracks import (
     learns,
 )
 from scp_planner.online.many_zones import Level
-from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
-from scp_planner.online.noticing import Bank
-from scp_planner.online.predictions import Prediction
 from scp_planner.online.regions import NOTICED, RegionSizes
-from scp_planner.online.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
 from scp_planner.online.track import (
     TRACKS,
     GivenZones,
-    NoticingTrack,
     ObstacleTrack,
-    PolynomialTrack,
-    ProcessTrack,
     Seen,
-    TrackEstimator,
     prior_of,
     remember,
     slots_of,
@@ -60,10 +51,16 @@ from scp_planner.threat_zones.of_scenario import (
     given_zones,
 )
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, ChangeHypotheses
 from scp_planner.tracking.confidence import marginal_scale, outside_probability
+from scp_planner.tracking.estimators import MOST_LATE, NoticingTrack, PolynomialTrack, ProcessTrack, TrackEstimator
+from scp_planner.tracking.mixtures import FilterModels
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.tracking.noticing import Bank
+from scp_planner.tracking.predictions import Prediction
 from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
+from scp_planner.tracking.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
 
 logger = logging.getLogger(__name__)
 PREDICTED_TIMES = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
@@ -228,7 +225,7 @@ class ObstacleTracks:
         if track.came_already(one):
             return "it came twice"
         if track.comes_too_late(one):
-            return f"it came too late, after {TRACKS.most_late} newer observations"
+            return f"it came too late, after {MOST_LATE} newer observations"
         if track.is_improbable(one, self.settings.gate_probability, self.newcomers):
             track.suspects.append(one)
             if len(track.suspects) < TRACKS.most_suspects:

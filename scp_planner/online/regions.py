@@ -11,13 +11,13 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Sizing, times_linear
-from scp_planner.online.noticing import Bank
-from scp_planner.online.predictions import Prediction
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import AdaptiveScales, region_score
+from scp_planner.tracking.noticing import Bank
+from scp_planner.tracking.predictions import Prediction
 
 
 @dataclass(frozen=True)

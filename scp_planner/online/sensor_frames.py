@@ -8,9 +8,9 @@ from itertools import chain
 
 import numpy as np
 
-from scp_planner.online.noticing import Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
+from scp_planner.tracking.noticing import Bank
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:

@@ -5,11 +5,7 @@ LENGTH = 1e-9  # A position is known no better than this; stations of a path tha
 TIME = 1e-9  # Times that differ by less are the same
 SPEED = 1e-10  # Slower, with the little acceleration that a stop has then, a vehicle stands
 ANGLE = 1e-9  # rad: a turn that is a full one but for this is none
-PROBABILITY = 1e-9  # Probabilities, and ratios of pivots of a factor, that are smaller are 0 but for rounding
 OFF = 1e-6  # Length, speed and rad, that a vehicle or an obstacle may be off besides what it is allowed
 LATE = 1e-6  # Share of a period, by which a replan is not too late yet
-# Least and largest standard deviation that are used, in any unit: beside one another in one estimate, their squares
-# leave some digits. What is less exact than the largest one may be anywhere on the trip all the same.
-LEAST_DEVIATION, MOST_DEVIATION = 1e-5, 1e2
 EIGENVALUE = 1e-8  # Least eigenvalue of the correlation matrix of a measurement
 JERK_SHARE = 0.9999  # Share of the largest jerk that ramps use: rounding of the shortest ones stays within it

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from abc import ABC, abstractmethod
 from bisect import bisect, bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,23 +13,19 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
-from scp_planner.online.noticing import Bank
-from scp_planner.online.predictions import KEPT, Prediction
-from scp_planner.online.tolerances import LEAST_DEVIATION
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model, Observations
 from scp_planner.scenario.motions import GivenMotion, is_uncertain
-from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.reach import NO_BOUNDS
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import given_prior, tracked_motion
+from scp_planner.tracking.estimators import TrackEstimator
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate
-from scp_planner.tracking.motion_filter import MotionFilter
-from scp_planner.tracking.recursive import RecursiveEstimator, SquareRoots
+from scp_planner.tracking.predictions import KEPT, Prediction
 
 
 @dataclass(frozen=True)
@@ -47,9 +42,6 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TrackParameters:
-    # Later observations that one may come after, where a process model is learnt from them in order: then these are
-    # learnt again. What comes later still is left out; by then such a model has forgotten most of what it could tell
-    most_late: int = 64
     # Units of time. From this span of observations on, a newcomer's motion is estimated without the prior for them
     learnt: float = 1.0
     # Improbable measurements in a row after which the obstacle moves otherwise than estimated, and is learnt anew
@@ -79,124 +71,6 @@ class Seen:
     time: float  # s
     position: tuple[float, float]  # m
     covariance: Array | None = None  # (2, 2) m^2; None: that of the obstacle's others
-
-
-class TrackEstimator(ABC):
-    in_order: bool = False
-    bank: Bank | None = None  # The bank that it is in, if it is in one, and where
-    slot: int = 0  # The bank that it is in, if it is in one, and where
-
-    @abstractmethod
-    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
-        """Take in an observation and its covariance (2, 2), m^2."""
-
-    @abstractmethod
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
-        """Give the estimate, with what is known beforehand of a polynomial motion."""
-
-    @property
-    def depth(self) -> float:
-        """After how many later ones an observation can still be taken in."""
-        return math.inf
-
-    def go_back(self, later: int) -> None:
-        """Be again what it was before the last so many observations."""
-        raise NotImplementedError("observations may come in any order")
-
-    @property
-    def roots(self) -> SquareRoots | None:
-        return None
-
-    @property
-    def alarmed(self) -> bool:
-        """True if it has been noticed to move otherwise than predicted."""
-        return False
-
-    def close(self) -> None:  # noqa: B027 - most hold nothing that others could use
-        """Leave what it holds to others."""
-
-
-class PolynomialTrack(TrackEstimator):
-    """A polynomial motion."""
-
-    def __init__(self, order: int, covariance: Array | None, varying: bool) -> None:
-        self._varying = varying
-        given = None if varying else covariance
-        self._recursive = RecursiveEstimator(1, order, given, varying=varying)
-        self._recursive.least_deviation = LEAST_DEVIATION
-
-    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
-        """Take in an observation; its covariance matters if it varies."""
-        self._recursive.update(time, np.array([position]), noise if self._varying else None)
-
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
-        return self._recursive.estimate(0, prior)
-
-    @property
-    def roots(self) -> SquareRoots:
-        return self._recursive.roots
-
-
-class NoticingTrack(TrackEstimator):
-    """A polynomial motion that is believed as long as its predictions hold; see `scp_planner.online.noticing`."""
-
-    bank: Bank
-
-    def __init__(self, bank: Bank, covariance: Array) -> None:
-        self.bank, self.slot = bank, bank.take(covariance)
-
-    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:  # noqa: ARG002 - as declared
-        """Take in an observation."""
-        slot, place = self.slot, np.array([position])
-        if time < self.bank.last[slot]:
-            self.bank.take_in_late(slot, time, place[0])
-        else:
-            self.bank.update(np.array([slot]), np.array([time]), place)
-
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
-        """Give the estimate of the polynomial motion."""
-        return self.bank.polynomials.estimate(self.slot, prior)
-
-    @property
-    def roots(self) -> SquareRoots:
-        roots, some = self.bank.polynomials.roots, slice(self.slot, self.slot + 1)
-        return SquareRoots(**{name: value[some] for name, value in vars(roots).items()})
-
-    @property
-    def alarmed(self) -> bool:
-        """True if it has been noticed to move otherwise than predicted."""
-        return bool(self.bank.alarmed[self.slot])
-
-    def close(self) -> None:
-        """Leave its slot to others."""
-        self.bank.give_back(self.slot)
-
-
-class ProcessTrack(TrackEstimator):
-    """A motion with process noise, by its model."""
-
-    in_order = True
-
-    def __init__(self, process: ProcessModel) -> None:
-        self.filter = MotionFilter(process)
-        self.filters: deque[MotionFilter] = deque(maxlen=TRACKS.most_late)
-
-    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
-        """Take in an observation."""
-        self.filters.append(self.filter.copy())
-        self.filter.update(time, np.array([position]), noise)
-
-    @property
-    def depth(self) -> int:
-        return len(self.filters)
-
-    def go_back(self, later: int) -> None:
-        """Be again what it was before the last so many observations."""
-        for _ in range(later):
-            self.filter = self.filters.pop()
-
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:  # noqa: ARG002 - its model has one
-        return self.filter.estimate()
 
 
 EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]

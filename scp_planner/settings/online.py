@@ -145,13 +145,13 @@ class OnlineSettings(Knobs):
         An observation less probable than this is left out, see `scp_planner.online.obstacle_tracks`.
     alarm_probability : float
         A window of observations less probable than this is an alarm: then zones follow a motion with more process
-        noise, see `scp_planner.online.noticing`. 0: no alarms, and the declared sensor noise is not corrected.
+        noise, see `scp_planner.tracking.noticing`. 0: no alarms, and the declared sensor noise is not corrected.
     manoeuvre : float
         Standard deviation of a change of acceleration that an obstacle may begin at any time, as a multiple of that
         of tentative tracks. Larger: zones that grow faster, and slower trips.
     changes : float
         Assumed rate of changes of an obstacle's acceleration, per unit of time of the scene. Larger: zones allow for a
-        change sooner, and for more false ones, see `scp_planner.online.change_hypotheses`. 0: only after an alarm.
+        change sooner, and for more false ones, see `scp_planner.tracking.change_hypotheses`. 0: only after an alarm.
     regions : Regions
         Source of the sizes of zones: ``model``, the estimated motion; ``adaptive``, that and its coverage so far, so
         that the level is kept in the long run, see `scp_planner.tracking.conformal`.

@@ -25,10 +25,6 @@ class FilterState:
     mean: Array  # (N, d, 2) Expected states
     covariance: Array  # (N, 2 d, 2 d)
 
-    def copy(self) -> FilterState:
-        """Give a state that goes on by itself."""
-        return FilterState(self.times.copy(), self.mean.copy(), self.covariance.copy())
-
     def of(self, some: slice | Index) -> FilterState:
         """State of some of the obstacles."""
         return FilterState(self.times[some], self.mean[some], self.covariance[some])

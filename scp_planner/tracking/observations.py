@@ -72,8 +72,6 @@ def usable(
     seen: ArrayLike | None,
     last_times: Array,
     last_positions: Array,
-    *,
-    in_order: bool = False,
 ) -> Mask:
     """Tell which new observations of K obstacles, at most one of each, can be used."""
     finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
@@ -90,14 +88,6 @@ def usable(
         if again.any():
             k = int(np.argmax(again))
             raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
-    if in_order:
-        late = used & (times < last_times)
-        if late.any():
-            k = int(np.argmax(late))
-            raise EstimationError(
-                f"obstacle {k}: time {float(times[k])!r} is before {float(last_times[k])!r}, the last one;"
-                " observations must come in order"
-            )
     return used
 
 

@@ -12,3 +12,7 @@ TUBE_TOLERANCE = 1e-9  # relative: speeds and lateral accelerations above those 
 LAG_DIGITS = 12  # after the point, s, that tell lags apart
 SHORT_LAG = 0.05  # time constants, below which a series is used in place of a difference
 SERIES_TERMS = 12  # of it, all of that are larger than rounding
+PROBABILITY = 1e-9  # Probabilities, and ratios of pivots of a factor, that are smaller are 0 but for rounding
+# Least and largest standard deviation that are used, in any unit: beside one another in one estimate, their squares
+# leave some digits. What is less exact than the largest one may be anywhere on the trip all the same.
+LEAST_DEVIATION, MOST_DEVIATION = 1e-5, 1e2

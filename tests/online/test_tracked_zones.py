@@ -11,11 +11,11 @@ import pytest
 import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import TRACKS
 from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import estimate_obstacle
+from scp_planner.tracking.estimators import MOST_LATE
 from scp_planner.tracking.maximum_likelihood import estimate_motion
 
 pytestmark = pytest.mark.numerics
@@ -193,9 +193,9 @@ def assert_same_zones(one: ObstacleTracks, other: ObstacleTracks, now: float) ->
     assert np.array_equal(mine.covariance(at), theirs.covariance(at))
 
 
-@pytest.mark.parametrize("late", [1, 17, TRACKS.most_late])
+@pytest.mark.parametrize("late", [1, 17, MOST_LATE])
 def test_a_late_observation_is_learnt_as_if_it_had_come_in_time(late: int) -> None:
-    count = 2 * TRACKS.most_late
+    count = 2 * MOST_LATE
     missed = count - 1 - late
     tracks, said = seen_in([k for k in range(count) if k != missed] + [missed], PROCESS)
     assert not any(said)
@@ -203,13 +203,13 @@ def test_a_late_observation_is_learnt_as_if_it_had_come_in_time(late: int) -> No
 
 
 def test_observations_in_any_order_are_learnt_as_if_in_order() -> None:
-    count = 2 * TRACKS.most_late
+    count = 2 * MOST_LATE
     shuffled = [k for begin in range(0, count, 8) for k in reversed(range(begin, begin + 8))]
     assert_same_zones(seen_in(shuffled, PROCESS)[0], seen_in(list(range(count)), PROCESS)[0], STEP * count)
 
 
 def test_what_comes_too_late_is_told_and_left_out_of_a_process_only() -> None:
-    count = 2 * TRACKS.most_late
+    count = 2 * MOST_LATE
     in_time = list(range(1, count))
     tracks, said = seen_in([*in_time, 0], PROCESS)
     assert not any(said[:-1]) and "too late" in str(said[-1])

@@ -8,8 +8,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.oscillators import SlotStates, Swings, if_alike
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
+from scp_planner.tracking.oscillators import SlotStates, Swings, if_alike
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask, Reals
-from scp_planner.online.change_hypotheses import Measurements
-from scp_planner.online.innovations import INNOVATIONS, cut, larger_of, trends_of
-from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
-from scp_planner.online.oscillators import SwingStates
-from scp_planner.online.predictions import Predictions, longer
-from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
-from scp_planner.online.tolerances import PROBABILITY
 from scp_planner.settings.online import RARE
+from scp_planner.tracking.change_hypotheses import Measurements
+from scp_planner.tracking.innovations import INNOVATIONS, cut, larger_of, trends_of
+from scp_planner.tracking.mixtures import FilterModels, FilterStates, Mixture
+from scp_planner.tracking.oscillators import SwingStates
+from scp_planner.tracking.predictions import Predictions, longer
 from scp_planner.tracking.recursive import RecursiveEstimator
+from scp_planner.tracking.sensor_noise import NEIGHBOURS, third_differences
+from scp_planner.tracking.tolerances import PROBABILITY
 
 
 @dataclass(frozen=True)

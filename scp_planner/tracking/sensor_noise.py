@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.online.tolerances import LEAST_DEVIATION
+from scp_planner.tracking.tolerances import LEAST_DEVIATION
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import shift_matrices
-from scp_planner.online.mixtures import Mixture
+from scp_planner.tracking.mixtures import Mixture
 from scp_planner.tracking.recursive import SquareRoots
 
 
