@@ -10,11 +10,10 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from scenes import rewritten, scene
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner.scenario.motions import Course, Future, Futures, Motion
-from scp_planner.scenario.units import NaturalUnits
 
 FORK: dict[str, Any] = {
     "id": "fork",
@@ -116,28 +115,3 @@ def test_rounding_of_weights_is_allowed() -> None:
 def test_the_start_may_touch_what_is_only_possible() -> None:
     futures = [{"weight": weight, "motion": {"position": place}} for weight, place in ((0.5, [0, 0.5]), (0.5, [9, 9]))]
     assert len(scene({**FORK, "motion": {"futures": futures}}).obstacles) == 1
-
-
-@pytest.mark.parametrize(("length", "time"), [(8.0, 0.25), (0.125, 2.0)])
-def test_in_natural_units_the_scene_is_the_same_whatever_those_of_the_user(length: float, time: float) -> None:
-    scenario = scene(FORK)
-    fork = copy.deepcopy(FORK)
-    exact, seen = (future["motion"] for future in fork["motion"]["futures"])
-    exact["position"] = [length * x for x in exact["position"]]
-    exact["velocity"] = [length / time * x for x in exact["velocity"]]
-    seen["time"] = [time * t for t in seen["time"]]
-    seen["position"] = [[length * x for x in place] for place in seen["position"]]
-    seen["covariance"] = [[length**2 * x for x in row] for row in seen["covariance"]]
-    fork["shape"] = {"disc": 0.4 * length}
-    other = rewritten(scene(), length, time)
-    other = sp.Scenario(**{**other.to_dict(), "obstacles": [fork]})
-    one, same = (NaturalUnits.of(each).scenario(each) for each in (scenario, other))
-    assert one.obstacles == same.obstacles
-    back = NaturalUnits.of(other).inverse.scenario(same)
-    assert back.obstacles[0].motion == other.obstacles[0].motion
-    ours, theirs = sp.zones(scenario), sp.zones(other)
-    assert len(ours) == 2
-    for here, there in zip(ours, theirs, strict=True):
-        t = np.linspace(0.0, 6.0, 7)
-        assert np.array_equal(length * here.center(t), there.center(time * t))
-        assert np.array_equal(length**2 * here.covariance(t), there.covariance(time * t))

@@ -10,7 +10,6 @@ import scp_planner as sp
 from scp_planner import files
 from scp_planner.scenario import ready_made
 from scp_planner.scenario.process_model import ProcessModel, SingerAcceleration
-from scp_planner.scenario.units import NaturalUnits
 from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.kalman import estimate_process
 
@@ -119,15 +118,3 @@ def test_the_same_fault_in_many_obstacles_is_told_once() -> None:
     assert len(lines) == 2
     assert lines[1].startswith("  obstacles[0].model.order = 3: must be at most 2")
     assert lines[1].endswith("(and so in 11 more: obstacles[1], obstacles[2], obstacles[3], ...)")
-
-
-def test_a_model_in_the_units_of_a_scene_and_back_is_the_same() -> None:
-    units = NaturalUnits(length=2.9, time=4.8)
-    for name in ready_made.NAMES:
-        model = sp.Model.named(name)
-        back = units.inverse.model(units.model(model))
-        assert back.process is not None and model.process is not None
-        ours, theirs = (each.process.process.model_dump() for each in (back, model) if each.process)
-        assert {k: v for k, v in ours.items() if k != "kind"} == pytest.approx(
-            {k: v for k, v in theirs.items() if k != "kind"}, rel=1e-12
-        )

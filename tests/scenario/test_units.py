@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import numpy as np
 import pytest
@@ -13,10 +14,9 @@ from scenes import CROSSERS, disc, rewritten, scene
 
 import scp_planner as sp
 from scp_planner.certificate.verdict import UNITS
-from scp_planner.scenario.models import Model
-from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.scale import TOP_SPEED, TRIP_LENGTH
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.validation import Part
 
 POWERS = (2.0**-20, 2.0**-7, 2.0**3, 2.0**20)
 FACTORS = ((0.01, 0.1), (0.075, 0.45), (600.0, 200.0), (1.0, 7.3))
@@ -85,74 +85,87 @@ def test_powers_of_two_do_not_change_a_bit_of_the_scene(length: float, time: flo
     assert NaturalUnits.of(other).scenario(other) == units.scenario(everything())
 
 
-def test_every_quantity_is_divided_by_the_unit_of_its_dimension() -> None:
-    """Shapes, priors, processes, places and boxes, which the other scenes do not have."""
+def kinds_of_parts(kind: type[Part] = Part) -> Iterator[type[Part]]:
+    for each in kind.__subclasses__():
+        yield each
+        yield from kinds_of_parts(each)
+
+
+def of_numbers(annotation: Any) -> Any:
+    """A value of a type that is a number or rows of numbers; None of another type."""
+    if annotation is float:
+        return 3.0
+    rows = get_origin(annotation) is tuple
+    found = [value for each in get_args(annotation) if (value := of_numbers(each)) is not None]
+    return ((tuple(found) * 2)[:2] if rows else found[0]) if found else None
+
+
+NUMBERS = {
+    f"{kind.__name__}.{name}": (kind, name, value, field.description or "")
+    for kind in kinds_of_parts()
+    for name, field in kind.model_fields.items()
+    if (value := of_numbers(field.annotation)) is not None
+}
+UNIT = re.compile(r"(?:^|, |\], |so many )(m2/s[35]|m/s[23]|m/s|1/\(m s\)|1/m|m2|rad/s|rad|m|s)(?=$|[,;:. )])")
+PLACES = {"position", "min", "max", "guide", "region", "line", "corridor", "walls", "lanes"}
+
+
+@pytest.mark.parametrize("field", NUMBERS)
+def test_every_number_is_divided_by_the_unit_that_its_description_names(field: str) -> None:
+    kind, name, value, description = NUMBERS[field]
     units = NaturalUnits(length=2.0, time=5.0, origin=(1.0, -1.0), clock=10.0)
-    process = ProcessModel.model_validate(
-        {
-            "process": {"kind": "mean_reverting", "diffusion": 0.8, "time_constant": 5.0},
-            "velocity_deviation": 2.0,
-            "noise_deviation": 0.5,
-            "tails": {"degrees_of_freedom": 5.0, "lead_time": [1.0, 2.0], "inflation": [1.0, 1.5]},
-        }
-    )
-    motion = {"time": 0.0, "position": [5.0, 3.0], "velocity": [1.0, 0.0], "acceleration": [0.0, 0.4]}
-    given = scene(
-        {"id": "p", "shape": {"polygon": [[0, 0], [4, 0], [0, 2]]}, "motion": motion},
-        {"id": "e", "shape": {"ellipse": [4, 2]}, "motion": {"time": [0.0, 20.0], "position": [[9, 9], [9, 12]]}},
-        {**seen("r"), "shape": {"rectangle": [4, 2]}, "model": {"order": 1, "process": process}},
-        {**seen("q"), "model": {"prior": {"velocity_deviation": 2.0, "acceleration_deviation": 4.0}}},
-        bounds={"min": [-9.0, -9.0], "max": [31.0, 9.0]},
-        corridor=[[[-9, -9], [31, -9], [31, 9], [-9, 9]]],
-        speed_limits=[{"from": 2.0, "to": 6.0, "speed": 1.0, "line": [[0, 0], [20, 0]]}],
-        start={"time": 10.0},
-    )
-    inside = units.scenario(given)
-    p, e, r, q = inside.obstacles
-    assert p.shape.model_dump() == {"polygon": ((0, 0), (2, 0), (0, 1))}
-    assert p.motion.model_dump() == {  # type: ignore[union-attr]
-        "time": -2.0,
-        "position": (2.0, 2.0),
-        "velocity": (2.5, 0.0),
-        "acceleration": (0.0, 5.0),
-    }
-    assert e.motion.model_dump()["time"] == (-2.0, 2.0)  # type: ignore[union-attr]
-    assert e.motion.position == ((4.0, 5.0), (4.0, 6.5))  # type: ignore[union-attr]
-    assert e.shape.ellipse == (2.0, 1.0) and r.shape.rectangle == (2.0, 1.0)  # type: ignore[union-attr]
-    scaled = r.model.process
-    assert scaled is not None and scaled.tails is not None
-    assert scaled.process.model_dump() == {"kind": "mean_reverting", "diffusion": 25.0, "time_constant": 1.0}
-    assert (scaled.velocity_deviation, scaled.noise_deviation) == (5.0, 0.25)
-    assert scaled.tails.lead_time == (0.2, 0.4)
-    assert q.model.prior is not None
-    assert (q.model.prior.velocity_deviation, q.model.prior.acceleration_deviation) == (5.0, 50.0)
-    assert inside.bounds is not None and (inside.bounds.min, inside.bounds.max) == ((-5.0, -4.0), (15.0, 5.0))
-    assert inside.corridor == (((-5.0, -4.0), (15.0, -4.0), (15.0, 5.0), (-5.0, 5.0)),)
-    (limit,) = inside.speed_limits
-    assert (limit.from_, limit.to, limit.speed, limit.line) == (1.0, 3.0, 2.5, ((-0.5, 0.5), (9.5, 0.5)))
+    values = {each: NUMBERS.get(f"{kind.__name__}.{each}", (None,) * 3)[2] for each in kind.model_fields}
+    found, given = np.array(getattr(units.part(kind.model_construct(**values)), name)), np.array(value)
+    if name in PLACES:
+        assert np.array_equal(found, (given - units.origin) / units.length)
+    elif name == "time" or "on the clock" in description:
+        assert np.array_equal(found, (given - units.clock) / units.time)
+    elif field == "Estimate.covariance":
+        assert found == pytest.approx(given / units.length**2)
+    else:
+        unit = UNIT.search(description)
+        factors = {"m2": units.length**2, "rad/s": 1.0 / units.time}
+        factor = factors.get(unit[1]) or units.factor(unit[1]) if unit else 1.0
+        assert found == pytest.approx(given / factor)
 
 
-def test_manoeuvres_are_divided_by_the_units_of_acceleration_and_of_its_growth() -> None:
+def test_an_estimates_covariance_is_divided_by_the_units_of_its_rows_and_columns() -> None:
     units = NaturalUnits(length=2.0, time=4.0)
-    assert units.model(Model(manoeuvre=0.4)).manoeuvre == 3.2
-    given = Model.model_validate(
-        {
-            "process": {
-                "process": {"kind": "random_walk_acceleration", "diffusion": 0.004, "acceleration_deviation": 0.8},
-                "velocity_deviation": 2.0,
-                "noise_deviation": 0.5,
-            }
-        }
+    state = {"time": 0.0, "position": [0.0, 0.0], "velocity": [0.0, 0.0], "acceleration": [0.0, 0.0]}
+    sizes = np.repeat([2.0, 0.5, 0.125], 2)
+    found = units.part(sp.Estimate(**state, covariance=np.eye(6) + 0.5)).covariance
+    assert np.array_equal(found, (np.eye(6) + 0.5) / np.outer(sizes, sizes))
+
+
+def parts_of(part: Part) -> Iterator[Part]:
+    """A part and all that are in it."""
+    yield part
+    for value in part.__dict__.values():
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, Part):
+                yield from parts_of(each)
+
+
+def test_parts_within_parts_are_in_the_same_units() -> None:
+    motion = {"position": [9.0, 5.0], "velocity": [0.5, 0.0]}
+    fork = {"futures": [{"weight": 1.0, "motion": motion}]}
+    singer = {"kind": "singer", "deviation": 0.5, "time_constant": 4.0}
+    process = {"process": singer, "velocity_deviation": 2.0, "noise_deviation": 0.5}
+    tails = {"degrees_of_freedom": 5.0, "lead_time": [1.0], "inflation": [1.0]}
+    given = scene(
+        {"id": "fork", "shape": {"polygon": [[0, 0], [4, 0], [0, 2]]}, "motion": fork},
+        {**seen("process"), "model": {"process": {**process, "tails": tails}}},
+        {**seen("prior"), "model": {"prior": {"velocity_deviation": 2.0}}},
+        bounds={"min": [-9.0, -9.0], "max": [31.0, 9.0]},
+        speed_limits=[{"from": 2.0, "to": 6.0, "speed": 1.0, "line": [[0, 0], [20, 0]]}],
+        goals=[{"target": {"motion": motion}, "radius": 0.5}],
     )
-    scaled = units.model(given)
-    assert scaled.process is not None
-    # m^2/s^5: 0.004 4^5 / 2^2
-    assert scaled.process.process.model_dump() == {
-        "kind": "random_walk_acceleration",
-        "diffusion": 1.024,
-        "acceleration_deviation": 6.4,
-    }
-    assert units.inverse.model(scaled) == given
+    units = NaturalUnits(length=2.0, time=4.0, origin=(1.0, -1.0), clock=8.0)
+    inside = units.scenario(given)
+    for part, own in zip(parts_of(inside), parts_of(given), strict=True):
+        assert part == units.part(own)
+    twice = NaturalUnits(length=2.0, time=4.0)
+    assert twice.inverse.scenario(twice.scenario(given)) == given
 
 
 def open_goal() -> sp.Scenario:
@@ -171,23 +184,6 @@ def open_goal() -> sp.Scenario:
         walls=[[[5.0, -6.0], [7.0, -6.0], [7.0, 0.5], [5.0, 0.5]]],
         lanes=[[[1.0, 1.0], [9.0, 3.0]]],
     )
-
-
-def test_what_roads_have_is_divided_by_the_unit_of_its_dimension() -> None:
-    units = NaturalUnits(length=2.0, time=5.0, origin=(1.0, -1.0), clock=10.0)
-    given = open_goal()
-    inside = units.scenario(given)
-    goal, vehicle = inside.goal, inside.vehicle
-    assert goal.region == ((8.5, -0.5), (11.5, -1.5), (12.5, 2.0), (9.0, 1.5))
-    assert goal.position == units.place(given.goal.position)
-    assert (goal.speed_range, goal.heading_range, goal.arrival_step) == ((2.5, 5.0), (-0.4, -0.1), 0.05)
-    # 1 m/s2 is 25 s2 / 2 m of the units, and 1 m2/s3 125 s3 / 4 m2.
-    assert (vehicle.max_total_acceleration, vehicle.max_power) == pytest.approx((1.4 * 12.5, 2.5 * 31.25), rel=1e-15)
-    assert vehicle.centre == 0.1
-    assert inside.walls == (((2.0, -2.5), (3.0, -2.5), (3.0, 0.75), (2.0, 0.75)),)
-    assert inside.lanes == (((0.0, 1.0), (4.0, 2.0)),)
-    course = inside.obstacles[0].motion
-    assert course is not None and course.model_dump()["heading"] == (0.5, 1.0, 0.2)
 
 
 def test_what_goes_in_and_out_is_the_same() -> None:
