@@ -16,18 +16,10 @@ from scp_planner.scenario.scale import units_of
 from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.validation import Objection, Unknown
 
-SCHEMA_VERSION = 1
-
 logger = logging.getLogger(__name__)
 
 
 AXES = ("x", "y")
-
-
-def version_is_known(scenario: Any) -> Iterator[Objection]:
-    """`schema` is a version that this package reads."""
-    if scenario.schema_ != SCHEMA_VERSION:
-        yield Objection(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
 
 
 def start_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
@@ -93,15 +85,10 @@ def box_is_not_empty(bounds: Any) -> Iterator[Objection]:
             yield Objection(("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}")
 
 
-def start_is_in_bounds(scenario: Any) -> Iterator[Objection]:
-    """The vehicle's disc at the start lies in the bounds."""
-    yield from _in_bounds("start", scenario)
-
-
-def goal_is_in_bounds(scenario: Any) -> Iterator[Objection]:
-    """The vehicle's disc at the goal lies in the bounds, if the goal stands."""
-    if scenario.goal.target is None:
-        yield from _in_bounds("goal", scenario)
+def ends_are_in_bounds(scenario: Any) -> Iterator[Objection]:
+    """The vehicle's disc lies in the bounds at the start, and at a goal that stands."""
+    for place in ("start", "goal") if scenario.goal.target is None else ("start",):
+        yield from _in_bounds(place, scenario)
 
 
 def guide_begins_at_start(scenario: Any) -> Iterator[Objection]:
@@ -111,19 +98,18 @@ def guide_begins_at_start(scenario: Any) -> Iterator[Objection]:
         yield Objection(("guide", 0), guide[0], f"must be start.position, {list(start)}")
 
 
-def guide_ends_at_goal(scenario: Any) -> Iterator[Objection]:
-    """The last point of the guide is the goal."""
+def guide_leads_to_goal(scenario: Any) -> Iterator[Objection]:
+    """The last point of the guide is the goal, and no point is repeated at once."""
     guide, start, goal = scenario.guide, scenario.start.position, scenario.goal.position
     if guide is not None and not same_place(guide[-1], goal, start):
         yield Objection(("guide", len(guide) - 1), guide[-1], f"must be goal.position, {list(goal)}")
+    yield from _points_repeated("guide", guide)
 
 
-def guide_moves_on(scenario: Any) -> Iterator[Objection]:
-    """No point of the guide is repeated at once."""
-    guide = scenario.guide or ()
-    for i in range(1, len(guide)):
-        if same_place(guide[i - 1], guide[i]):
-            yield Objection(("guide", i), guide[i], "must differ from the point before it")
+def _points_repeated(key: str, line: Any) -> Iterator[Objection]:
+    for i, (before, point) in enumerate(itertools.pairwise(line or ()), start=1):
+        if same_place(before, point):
+            yield Objection((key, i), point, "must differ from the point before it")
 
 
 def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Objection]:
@@ -138,10 +124,7 @@ def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Objection]:
 
 def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
     for i, polygon in enumerate(polygons):
-        faults = [
-            Objection((key, i, *objection.location[1:]), objection.value, objection.message)
-            for objection in polygon_faults(polygon)
-        ]
+        faults = list(polygon_faults(polygon, key, i))
         yield from faults
         if not faults and not planar.is_convex(polygon):
             yield Objection((key, i), polygon, "must be convex")
@@ -248,10 +231,7 @@ def stretch_is_not_empty(limit: Any) -> Iterator[Objection]:
 
 def line_moves_on(limit: Any) -> Iterator[Objection]:
     """No point of a line is repeated at once."""
-    line = limit.line or ()
-    for i in range(1, len(line)):
-        if same_place(line[i - 1], line[i]):
-            yield Objection(("line", i), line[i], "must differ from the point before it")
+    yield from _points_repeated("line", limit.line)
 
 
 def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Objection]:
@@ -341,27 +321,27 @@ def _rounding_of(times: Any) -> float:
 
 def polygon_is_simple(shape: Any) -> Iterator[Objection]:
     """The polygon's edges bound one area and meet only at its vertices."""
-    yield from polygon_faults(shape.polygon)
+    yield from polygon_faults(shape.polygon, "polygon")
 
 
 def _is_no_cell(polygon: Any) -> bool:
     crowded = len(polygon) > corridor.SIZE.most_corners
-    return crowded or any(True for _ in polygon_faults(polygon)) or not planar.is_convex(polygon)
+    return crowded or any(polygon_faults(polygon)) or not planar.is_convex(polygon)
 
 
-def polygon_faults(vertices: Any) -> Iterator[Objection]:
-    """Yield what is wrong with a polygon that is to bound one area."""
+def polygon_faults(vertices: Any, *place: str | int) -> Iterator[Objection]:
+    """Yield what is wrong with a polygon, at a place below the part, that is to bound one area."""
     repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
     for i in repeated:
-        yield Objection(("polygon", i), vertices[i], "must differ from the vertex before it")
+        yield Objection((*place, i), vertices[i], "must differ from the vertex before it")
     if repeated:
         return
     extent = max(math.dist(vertices[0], vertex) for vertex in vertices)
     if abs(planar.area(vertices)) <= SAME_PLACE * extent**2:
-        yield Objection(("polygon",), vertices, "must have an area greater than 0")
+        yield Objection(place, vertices, "must have an area greater than 0")
     elif crossing := planar.first_crossing(vertices):
         text = f"must not cross or touch itself; the edges after vertices {crossing[0]} and {crossing[1]} do"
-        yield Objection(("polygon",), vertices, text)
+        yield Objection(place, vertices, text)
 
 
 def speed_is_within(place: str, speed: float, limit: float) -> Iterator[Objection]:
@@ -446,13 +426,13 @@ def _from_course(length: float, point: planar.Point, course: Any, time: float) -
 
     from scp_planner.mathematics.courses import course_polynomials
 
-    if any(True for rule in (times_increase, one_position_a_time) for _ in rule(course)):
+    if any(times_increase(course)) or any(one_position_a_time(course)):
         raise Unknown("time")
     centre, now = course_polynomials(course.time, course.position), np.array([time])
     if length == 0.0:
         pointing = centre  # it is the same in all directions, or does not turn
     elif course.heading is not None:
-        if any(True for _ in headings_turn_slowly(course)):
+        if any(headings_turn_slowly(course)):
             raise Unknown("heading")
         from scp_planner.mathematics.courses import course_pointing
 

@@ -103,8 +103,8 @@ def arrival_is_possible(goal: Any) -> Iterator[Objection]:
 
 def region_is_simple(goal: Any) -> Iterator[Objection]:
     """The region's edges bound one area and meet only at its vertices."""
-    for objection in polygon_faults(goal.region) if goal.region is not None else ():
-        yield Objection(("region", *objection.location[1:]), objection.value, objection.message)
+    if goal.region is not None:
+        yield from polygon_faults(goal.region, "region")
 
 
 def goal_is_told_once(goal: Any) -> Iterator[Objection]:

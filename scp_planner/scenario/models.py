@@ -14,7 +14,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -36,9 +35,19 @@ from scp_planner.scenario.obstacles import Obstacle as Obstacle
 from scp_planner.scenario.obstacles import Prior as Prior
 from scp_planner.scenario.passages import Order as Order
 from scp_planner.scenario.passages import Passage as Passage
-from scp_planner.scenario.process_model import read_processes
+from scp_planner.scenario.process_model import read_processes, version_is_known
 from scp_planner.scenario.targets import OfTarget, target_timed
-from scp_planner.scenario.validation import Numbers, OfNumbers, OfParts, Part, Row, Rule, TakenAs, by_default, faults_of
+from scp_planner.scenario.validation import (
+    Numbers,
+    OfNumbers,
+    OfParts,
+    Part,
+    Row,
+    Rule,
+    TakenAs,
+    by_default,
+    part_of_file,
+)
 from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, RateNumber, Text, Vector
 
 if TYPE_CHECKING:
@@ -276,7 +285,7 @@ class Scenario(Part):
 
     model_config = ConfigDict(title="scp_planner scenario")
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.version_is_known,
+        version_is_known,
         goal_checks.goal_is_elsewhere,
         goal_checks.target_is_known,
         goal_checks.goal_position_is_at_its_region,
@@ -284,13 +293,11 @@ class Scenario(Part):
         goal_checks.goal_speed_is_allowed,
         goal_checks.arrival_is_after_start,
         checks.start_acceleration_is_allowed,
-        checks.start_is_in_bounds,
-        checks.goal_is_in_bounds,
+        checks.ends_are_in_bounds,
         goal_checks.places_can_be_passed,
         goal_checks.places_are_in_time,
         checks.guide_begins_at_start,
-        checks.guide_ends_at_goal,
-        checks.guide_moves_on,
+        checks.guide_leads_to_goal,
         checks.corridor_is_of_convex_polygons,
         checks.corridor_leads_from_start_to_goal,
         checks.ends_are_in_corridor,
@@ -439,13 +446,7 @@ class Scenario(Part):
             raise ScenarioError(str(path), [Fault("", MISSING, "this is a plan or a run, not a scenario")])
         folder = Path(path).parent
         faults = [*faults, *read_processes(data, folder), *read_ground(data, folder)]
-        try:
-            scenario = cls.model_validate(data) if data is not None else None
-        except ValidationError as error:
-            faults = [*faults, *faults_of(error)]
-        if faults or scenario is None:
-            raise ScenarioError(str(path), faults)
-        return scenario
+        return part_of_file(cls, path, data, faults, ScenarioError)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scenario so that `load` gives an equal one: floats keep every bit.

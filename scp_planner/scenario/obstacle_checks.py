@@ -9,7 +9,7 @@ from typing import Any
 
 from scp_planner.errors import MISSING
 from scp_planner.scenario.tolerances import DEFINITE, SYMMETRY
-from scp_planner.scenario.validation import Objection
+from scp_planner.scenario.validation import Objection, Rule
 
 MOST_TURNED = 3.0  # rad from one heading of a course to the next: half a turn could be to either side
 
@@ -17,15 +17,18 @@ WHEREABOUTS = ("motion", "observations", "estimate")
 """Fields of which an obstacle has exactly one."""
 
 
-def one_of_the_whereabouts(obstacle: Any) -> Iterator[Objection]:
-    """An obstacle has a motion, observations or an estimate."""
-    # A faulty one is there all the same: what is left of it is not None.
-    values = {name: getattr(obstacle, name) for name in WHEREABOUTS}
-    given = [name for name in WHEREABOUTS if values[name] is not None]
-    for name in given[1:]:
-        yield Objection((name,), values[name], f"must be left out where {given[0]} is given")
-    if not given:
-        yield Objection(("motion",), MISSING, "missing; either motion or observations or an estimate must be given")
+def one_is_given(names: tuple[str, ...], missing: str) -> Rule:
+    """Make the rule that exactly one of some fields is given, and say what is missing where none is."""
+
+    def rule(part: Any) -> Iterator[Objection]:
+        # A faulty one is there all the same: what is left of it is not None.
+        given = [(name, value) for name in names if (value := getattr(part, name)) is not None]
+        for name, value in given[1:]:
+            yield Objection((name,), value, f"must be left out where {given[0][0]} is given")
+        if not given:
+            yield Objection((names[0],), MISSING, f"missing; {missing} must be given")
+
+    return rule
 
 
 def no_prior_of_an_estimate(obstacle: Any) -> Iterator[Objection]:

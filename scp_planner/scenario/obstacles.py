@@ -109,6 +109,15 @@ class Model(Part):
         return cls(process=ready_made.ready_made(name))
 
 
+OfModel = TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str]
+
+
+def any_model() -> Any:
+    """Describe the field of the model of a motion to estimate."""
+    text = f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}"
+    return by_default(Model(), description=text, json_schema_extra=ready_made.or_its_name)
+
+
 class Obstacle(Part):
     """Something to keep clear of: its shape, and its motion, observations of it, or what a tracker says of it."""
 
@@ -126,7 +135,7 @@ class Obstacle(Part):
         }
     )
     rules: ClassVar[tuple[Rule, ...]] = (
-        obstacle_checks.one_of_the_whereabouts,
+        obstacle_checks.one_is_given(WHEREABOUTS, "either motion or observations or an estimate"),
         obstacle_checks.enough_observations,
         obstacle_checks.no_prior_of_an_estimate,
     )
@@ -140,11 +149,5 @@ class Obstacle(Part):
     estimate: OfParts[Estimate | None] = by_default(
         None, description="what a tracker says, from which the motion is predicted"
     )
-    model: TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str] = (
-        by_default(
-            Model(),
-            description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
-            json_schema_extra=ready_made.or_its_name,
-        )
-    )
+    model: OfModel = any_model()
     margin: NotNegative = Field(default=0.0, description="extra clearance, m")

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, ValidationError
+from pydantic import Discriminator, Field, Tag
 
 from scp_planner import files
 from scp_planner.errors import Fault, MotionModelError
@@ -19,11 +19,12 @@ from scp_planner.scenario.validation import (
     Row,
     Rule,
     by_default,
-    faults_of,
+    part_of_file,
     variant,
 )
 
 SCHEMA_VERSION = 1
+"""Version of scenario files, and of files of motion models."""
 
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
@@ -153,10 +154,10 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
     return faults
 
 
-def _version_is_known(model: Any) -> Iterator[Objection]:
+def version_is_known(whole: Any) -> Iterator[Objection]:
     """`schema` is a version that this package reads."""
-    if model.schema_ != SCHEMA_VERSION:
-        yield Objection(("schema",), model.schema_, f"must be {SCHEMA_VERSION}")
+    if whole.schema_ != SCHEMA_VERSION:
+        yield Objection(("schema",), whole.schema_, f"must be {SCHEMA_VERSION}")
 
 
 class ProcessModel(Part):
@@ -168,7 +169,7 @@ class ProcessModel(Part):
         If built from wrong values; with every fault.
     """
 
-    rules: ClassVar[tuple[Rule, ...]] = (_version_is_known,)
+    rules: ClassVar[tuple[Rule, ...]] = (version_is_known,)
 
     schema_: Annotated[int, Field(strict=True)] = Field(
         default=1,
@@ -205,13 +206,7 @@ class ProcessModel(Part):
             If the file cannot be read.
         """
         data, faults = files.read(path)
-        try:
-            model = cls.model_validate(data) if data is not None else None
-        except ValidationError as error:
-            faults = [*faults, *faults_of(error)]
-        if faults or model is None:
-            raise MotionModelError(str(path), faults)
-        return model
+        return part_of_file(cls, path, data, faults, MotionModelError)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model so that `load` gives an equal one; the file is replaced whole or not at all."""

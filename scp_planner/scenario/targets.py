@@ -3,41 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from scp_planner.errors import MISSING
-from scp_planner.scenario import ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.motions import KnownMotion, timed
-from scp_planner.scenario.obstacle_checks import enough_observations, no_prior_of_an_estimate
-from scp_planner.scenario.obstacles import Model, Observations
-from scp_planner.scenario.validation import Objection, OfParts, Part, Rule, TakenAs, by_default
+from scp_planner.scenario.obstacle_checks import enough_observations, no_prior_of_an_estimate, one_is_given
+from scp_planner.scenario.obstacles import Observations, OfModel, any_model
+from scp_planner.scenario.validation import OfParts, Part, Rule, TakenAs, by_default
 from scp_planner.scenario.values import Text
 
 PartT = TypeVar("PartT", bound=Part)
 _FORMS = ("motion", "observations", "estimate", "obstacle")
-
-
-def _has_one_form(target: Any) -> Iterator[Objection]:
-    """A target has a motion, observations or an estimate, or is an obstacle."""
-    values = {name: getattr(target, name) for name in _FORMS}
-    given = [name for name in _FORMS if values[name] is not None]
-    for name in given[1:]:
-        yield Objection((name,), values[name], f"must be left out where {given[0]} is given")
-    if not given:
-        yield Objection(
-            ("motion",), MISSING, "missing; a motion, observations, an estimate or an obstacle must be given"
-        )
+_HAS_ONE_FORM = one_is_given(_FORMS, "a motion, observations, an estimate or an obstacle")
 
 
 class Target(Part):
     """Motion to meet, in the form that an obstacle has it, or the id of an obstacle, whose motion it then is."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (_has_one_form, enough_observations, no_prior_of_an_estimate)
+    rules: ClassVar[tuple[Rule, ...]] = (_HAS_ONE_FORM, enough_observations, no_prior_of_an_estimate)
 
     motion: OfParts[KnownMotion | None] = by_default(
         None, description="known exactly, or predicted: a motion or a course"
@@ -45,13 +32,7 @@ class Target(Part):
     observations: OfParts[Observations | None] = by_default(None, description="from which the motion is estimated")
     estimate: OfParts[Estimate | None] = by_default(None, description="state and covariance from a tracker")
     obstacle: Text | None = Field(default=None, description="id of an obstacle of the scenario")
-    model: TakenAs[Annotated[Model, BeforeValidator(ready_made.model_by_name)], Model | Mapping[str, Any] | str] = (
-        by_default(
-            Model(),
-            description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
-            json_schema_extra=ready_made.or_its_name,
-        )
-    )
+    model: OfModel = any_model()
 
 
 def as_target(data: Any) -> Any:

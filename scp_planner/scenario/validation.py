@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import (
@@ -18,7 +19,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
+from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, nearest
 
 T = TypeVar("T")
 Held = TypeVar("Held")
@@ -206,6 +207,9 @@ class Part(BaseModel):
         return checked
 
 
+AnyPart = TypeVar("AnyPart", bound=Part)
+
+
 def key_of(part: type[Part], name: str) -> str:
     """Give the key that a field has in a file; where that is a word of Python, the field has another name."""
     alias = part.model_fields[name].validation_alias
@@ -215,6 +219,20 @@ def key_of(part: type[Part], name: str) -> str:
 def faults_of(error: ValidationError) -> list[Fault]:
     """Give the faults that pydantic collected, in the order of the file's keys where it has one."""
     return [Fault(_path(e["loc"]), e["input"], e["msg"]) for e in error.errors(include_url=False)]
+
+
+def part_of_file(
+    kind: type[AnyPart], path: str | PathLike[str], data: Any, faults: Iterable[Fault], error: type[FaultyInputError]
+) -> AnyPart:
+    """Check what was read from a file, None if nothing could be; raise an error with all faults."""
+    part = None
+    try:
+        part = kind.model_validate(data) if data is not None else None
+    except ValidationError as found:
+        faults = [*faults, *faults_of(found)]
+    if part is None or faults:
+        raise error(str(path), faults)
+    return part
 
 
 def variant(name: str) -> str:
