@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
-from scp_planner.tracking.oscillators import SlotStates, Swings, if_alike
+from scp_planner.tracking.oscillators import SlotStates, Swings
 
 
 @dataclass(frozen=True)
@@ -93,17 +93,12 @@ class FilterStates(SlotStates):
         return np.asarray(self.spread[_ROWS].transpose(3, 2, 0, 1))
 
     def predict(self, lag: Array, unit: Array) -> None:
-        """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        same = len(lag) > 0 and bool((lag == lag[0]).all())
-        # as in a frame: one product of matrices then does it
-        state, spread, noise = (
-            _steps(float(lag[0]), self.diffusions.tobytes()) if same else _moved(lag, self.diffusions)
-        )
+        same = len(np.unique(lag)) == 1  # as in a frame: one product of matrices then does it
+        state, spread, noise = _moved(float(lag[0]) if same else lag, self.diffusions)
         self.mean, self.spread = _applied(state, self.mean), _applied(spread, self.spread)
-        self.spread += noise * (1.0 / if_alike(unit))
+        self.spread += noise * (1.0 / unit)
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
-        """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
         p = self.spread
         innovation = positions[:, None] - self.mean[0]
         variance = p[0] + noise
@@ -113,11 +108,6 @@ class FilterStates(SlotStates):
         p[5] -= gain[2] * p[2]
         p[:3] *= noise / variance
         return innovation, variance
-
-
-@lru_cache(maxsize=256)
-def _steps(lag: float, diffusions: bytes) -> tuple[Array, Array, Array]:
-    return _moved(lag, np.frombuffer(diffusions).reshape(-1, 2))
 
 
 def _moved(t: Array | float, diffusions: Array) -> tuple[Array, Array, Array]:

@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 from typing import Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.tracking.dynamics import WhiteJerk
 
 
 @dataclass
-class SlotStates:
+class SlotStates(ABC):
     """States of M filters of each of K obstacles, in units of the covariance of the noise."""
 
     mean: Array  # Position first, m
     spread: Array  # The covariance of the state is this times that of the noise that is declared
 
-    def of(self, slots: Index | slice) -> Self:
-        """The states of some obstacles, (n,): where they are, if those are a slice, until they are moved on."""
-        if isinstance(slots, slice):
-            return replace(self, mean=self.mean[..., slots], spread=self.spread[..., slots])
+    @abstractmethod
+    def predict(self, lag: Array, unit: Array) -> None:
+        """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
+
+    @abstractmethod
+    def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
+        """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
+
+    def of(self, slots: Index) -> Self:
+        """A copy of the states of some obstacles, (n,)."""
         return replace(self, mean=self.mean.take(slots, axis=-1), spread=self.spread.take(slots, axis=-1))
 
-    def put(self, slots: Index | slice, part: Self) -> None:
+    def put(self, slots: Index, part: Self) -> None:
         """Put states where those of some obstacles are, (n,)."""
         self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
 
+    def predicted(self, slots: Index, lag: Array, unit: Array) -> Self:
+        """States of some obstacles after lags (n,)."""
+        part = self.of(slots)
+        part.predict(lag, unit)
+        return part
 
-def if_alike(values: Array) -> Array:
-    """The first of values (n,) alone, (1,), if all are the same, as in a frame; or else all."""
-    return values[:1] if len(values) and (values == values[0]).all() else values
+    def grow(self, size: int) -> None:
+        """Make room for so many obstacles in all."""
+        more = size - self.mean.shape[-1]
+        self.mean, self.spread = (
+            np.concatenate([one, np.zeros((*one.shape[:-1], more))], axis=-1) for one in (self.mean, self.spread)
+        )
 
 
 @dataclass(frozen=True)
@@ -43,7 +59,6 @@ class WaveParameters:
     swing: float = 0.09
     damping: float = 0.03  # Damping ratio: after so many swings, 1 / (2 pi) over it, little is known of how it goes on
     course_jerk: float = 0.003  # Intensity of the course's jerk, as a multiple of that of newcomers
-    kept_steps: int = 16  # Steps that are kept: lags repeat, from frame to frame
     ticks: float = 1e9  # Per unit of time: lags of one frame differ by rounding only
 
 
@@ -60,13 +75,6 @@ _KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
 """Place of the upper triangle of the first three states."""
 
 
-@dataclass(frozen=True)
-class _Steps:
-    moved: Array
-    triangles: Array
-    noise: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Swings:
     """M motions that swing about a course."""
@@ -76,7 +84,6 @@ class Swings:
     jerk: float  # Intensity of the course's jerk, m^2/s^5
     velocity_deviation: float
     acceleration_deviation: float
-    _kept: dict[bytes, _Steps] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
@@ -127,42 +134,31 @@ class Swings:
         spread[:STATES] = 0.0  # where it is may be anywhere, so that it tells nothing of the swing
         return np.asarray(spread)
 
-    def moved(self, lags: Array) -> tuple[Array, Array]:
-        """Transitions (L, M, 5, 5) over lags (L,), s, and the covariances (L, M, 5, 5) of the noise on the way."""
-        t, rate = lags[:, None], self.rates
-        decay, damped = np.exp(-OSCILLATORS.damping * rate * t), np.sqrt(1.0 - OSCILLATORS.damping**2) * rate
-        cosine, sine = decay * np.cos(damped * t), decay * np.sin(damped * t) / damped
-        swing = np.zeros((*cosine.shape, 2, 2))
-        swing[..., 0, 0], swing[..., 0, 1] = cosine + OSCILLATORS.damping * rate * sine, sine
-        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - OSCILLATORS.damping * rate * sine
-        moved, noise = np.zeros((2, *cosine.shape, STATES, STATES))
-        moved[..., range(3), range(3)] = 1.0
-        moved[..., 0, 1] = moved[..., 1, 2] = t
-        moved[..., 0, 2] = 0.5 * t * t
-        moved[..., 3:, 3:] = swing
+    def moved(self, lag: float) -> tuple[Array, Array]:
+        """Transitions (M, 5, 5) over a lag, s, and the covariances (M, 5, 5) of the noise on the way."""
+        rate, damping = self.rates, OSCILLATORS.damping
+        decay, damped = np.exp(-damping * rate * lag), np.sqrt(1.0 - damping**2) * rate
+        cosine, sine = decay * np.cos(damped * lag), decay * np.sin(damped * lag) / damped
+        swing = np.zeros((len(rate), 2, 2))
+        swing[:, 0, 0], swing[:, 0, 1] = cosine + damping * rate * sine, sine
+        swing[:, 1, 0], swing[:, 1, 1] = -(rate**2) * sine, cosine - damping * rate * sine
+        course = WhiteJerk(self.jerk, self.acceleration_deviation)
+        moved, noise = np.zeros((2, len(rate), STATES, STATES))
+        moved[:, :3, :3] = course.transition(np.array(lag))
         powers = np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
         degrees = np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
-        noise[..., :3, :3] = self.jerk * t[..., None, None] ** degrees / powers
-        noise[..., 3:, 3:] = self._steady - swing @ self._steady @ swing.swapaxes(-1, -2)
+        noise[:, :3, :3] = self.jerk * np.full((1, 1, 1, 1), lag) ** degrees / powers
+        moved[:, 3:, 3:] = swing
+        noise[:, 3:, 3:] = self._steady - swing @ self._steady @ swing.swapaxes(-1, -2)
         united, apart = self._united, self.apart
         return united @ moved @ apart, united @ noise @ united.transpose(0, 2, 1)
 
-    def steps(self, lags: Array) -> _Steps:
-        kept = self._kept.get(lags.tobytes())
-        if kept is None:
-            if len(self._kept) >= OSCILLATORS.kept_steps:
-                self._kept.clear()
-            moved, noise = self.moved(lags)
-            kept = _Steps(moved, _on_triangles(moved, _PAIRS), noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0))
-            self._kept[lags.tobytes()] = kept
-        return kept
 
-
-def _distinct(values: Array, count: int) -> tuple[Array, Index]:
-    """Different ones of so many values, sorted, and which of them each is; one value is that of all."""
-    if len(values) and (values == values[0]).all():  # as in a frame
-        return values[:1], np.zeros(count, dtype=np.intp)
-    return np.unique(values, return_inverse=True)
+@lru_cache(maxsize=64)  # lags repeat, from frame to frame
+def _steps(swings: Swings, lag: float) -> tuple[Array, Array, Array]:
+    """From means and upper triangles of covariances to those after a lag, s, and the triangles of the noise."""
+    moved, noise = swings.moved(lag)
+    return moved, _on_triangles(moved, _PAIRS), noise[:, _PAIRS[0], _PAIRS[1]].T[..., None]
 
 
 def _on_triangles(matrices: Array, rows: Array) -> Array:
@@ -191,27 +187,16 @@ class SwingStates(SlotStates):
         self.spread[0][..., slots] = noise
 
     def predict(self, lag: Array, unit: Array) -> None:
-        """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        lags, which = _distinct(np.rint(if_alike(lag) * OSCILLATORS.ticks) / OSCILLATORS.ticks, len(lag))
-        steps = self.swings.steps(lags)
-        moved, triangles = steps.moved, steps.triangles
-        some, count = len(lags), len(lag) // max(len(lags), 1)
-        # as in a frame, or lag by lag: products of matrices
-        if some == 1 or np.array_equal(which, np.repeat(np.arange(some), count)):
-            pairs, swings = self.spread.shape[:2]
-            mean = self.mean.reshape(STATES, 2, swings, some, count).transpose(3, 2, 0, 1, 4)
-            mean = moved @ mean.reshape(some, swings, STATES, 2 * count)
-            mean = mean.reshape(some, swings, STATES, 2, count).transpose(2, 3, 1, 0, 4)
-            spread = triangles @ self.spread.reshape(pairs, swings, some, count).transpose(2, 1, 0, 3)
-            self.mean = np.ascontiguousarray(mean).reshape(self.mean.shape)
-            self.spread = np.ascontiguousarray(spread.transpose(2, 1, 0, 3)).reshape(self.spread.shape)
-        else:
-            self.mean = np.einsum("kmij,jamk->iamk", moved[which], self.mean, order="C")
-            self.spread = np.einsum("kmij,jmk->imk", triangles[which], self.spread, order="C")
-        self.spread += steps.noise / if_alike(unit) if some == 1 else steps.noise[..., which] / unit
+        lag = np.rint(lag * OSCILLATORS.ticks) / OSCILLATORS.ticks
+        for one in np.unique(lag).tolist():
+            some = np.flatnonzero(lag == one)
+            moved, triangles, noise = _steps(self.swings, one)
+            mean = self.mean.take(some, axis=-1).transpose(2, 0, 1, 3)  # (M, 5, 2, n)
+            spread = self.spread.take(some, axis=-1).transpose(1, 0, 2)
+            self.mean[..., some] = (moved @ mean.reshape(*mean.shape[:2], -1)).reshape(mean.shape).transpose(1, 2, 0, 3)
+            self.spread[..., some] = (triangles @ spread).transpose(1, 0, 2) + noise / unit[some]
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
-        """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
         innovation = positions[:, None] - self.mean[0]
         variance = self.spread[0] + noise
         gain = self.spread[:STATES] / variance

@@ -119,12 +119,6 @@ class Predictions:
         self._later: list[Pieces] = []
         self._kept: deque[_Frame] = deque(maxlen=KEPT)
 
-    def grow(self, size: int) -> None:
-        """Make room for so many in all."""
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                setattr(self, name, longer(value, size, -1))
-
     def clear(self, slot: int) -> None:
         """Forget all that was predicted of the obstacle in a slot."""
         self.known[slot], self.kinds[slot] = False, UNJUDGED
@@ -179,13 +173,13 @@ class Predictions:
         return np.where(sound, squares, 0.0)
 
 
-def longer(array: Array, size: int, axis: int = 0) -> Array:
-    """A copy of an array that has a size along an axis, with zeros at the end."""
-    shape = list(array.shape)
-    old, shape[axis] = shape[axis], size
-    grown = np.zeros(shape, dtype=array.dtype)
-    np.moveaxis(grown, axis, 0)[:old] = np.moveaxis(array, axis, 0)
-    return grown
+def lengthen(holder: object, size: int) -> None:
+    """Make room for so many in all along the last axis of the arrays that something holds, with zeros."""
+    for name, array in vars(holder).items():
+        if isinstance(array, np.ndarray):
+            longer = np.zeros((*array.shape[:-1], size), dtype=array.dtype)
+            longer[..., : array.shape[-1]] = array
+            setattr(holder, name, longer)
 
 
 def _at(coefficients: Array, lag: Array) -> Array:

@@ -174,13 +174,11 @@ class RecursiveEstimator:
         np.maximum(self._last, t, out=self._last, where=used)
         return used
 
-    def update_row(self, some: slice, times: Array, positions: Array) -> None:
-        """Take in the newest observation each of obstacles in a row, which nothing is wrong with."""
+    def update_newest(self, some: Index, times: Array, positions: Array) -> None:
+        """Take in the newest observation each of some obstacles, which nothing is wrong with."""
         new = self._count[some] == 0
-        if new.any():
-            np.copyto(self._center[some], times, where=new)
-            np.copyto(self._first[some], times, where=new)
-            np.copyto(self._origin[some], positions, where=new[:, None])
+        self._center[some[new]] = self._first[some[new]] = times[new]
+        self._origin[some[new]] = positions[new]
         self._absorb(self._rows(times, positions, None, some), some)
         self._count[some] += 1
         self._newest[some], self._last[some] = positions, times
@@ -232,7 +230,7 @@ class RecursiveEstimator:
         variance = second / weight - (first / weight) ** 2
         return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
 
-    def _powers(self, t: Array, some: slice = slice(None)) -> Array:
+    def _powers(self, t: Array, some: Index | slice = slice(None)) -> Array:
         u = t - self._center[some]
         rows = np.empty((self.order + 1, len(u)))
         rows[0] = 1.0
@@ -240,7 +238,7 @@ class RecursiveEstimator:
             np.multiply(rows[j - 1], u, out=rows[j])
         return rows
 
-    def _rows(self, t: Array, z: Array, sigma: Array | None, some: slice = slice(None)) -> Array:
+    def _rows(self, t: Array, z: Array, sigma: Array | None, some: Index | slice = slice(None)) -> Array:
         """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
         powers, offset = self._powers(t, some), (z - self._origin[some]).T
         if sigma is None:
@@ -249,7 +247,7 @@ class RecursiveEstimator:
         design = np.einsum("jk,kab->ajbk", powers, whiten).reshape(2, self._unknowns, len(t))
         return np.concatenate([design, np.einsum("kab,bk->ak", whiten, offset)[:, None]], axis=1)
 
-    def _absorb(self, rows: Array, some: slice = slice(None)) -> None:
+    def _absorb(self, rows: Array, some: Index | slice = slice(None)) -> None:
         """Rotate new rows into the factor; what is left of them is a residual."""
         m, factor, shrunk = self._unknowns, self._factor[..., some], self._shrunk[some]
         for row in rows:
@@ -270,6 +268,7 @@ class RecursiveEstimator:
             rest = row[m:]
             self._left[:, some] = rest
             self._scatter[..., some] += rest[:, None] * rest[None]
+        self._factor[..., some], self._shrunk[some] = factor, shrunk
 
     def _noise(self, k: int) -> tuple[Array, ErrorLaw]:
         if self._sigma is not None:
