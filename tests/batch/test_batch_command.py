@@ -56,32 +56,6 @@ def test_command_tells_counts_and_what_is_not_certified(folder: Path, tmp_path: 
     assert (good.exit_code, good.output) == (0, "")
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--workers", "0"], "0: must be at least 1"),
-        (["--workers", "2", "--dask", "tcp://127.0.0.1:1"], "not with --dask"),
-        (["--pattern", "*.yml"], "holds no scenario files like *.yml"),
-        *((["--pattern", odd], "must be of paths within") for odd in ("/", "/x/*", "**x", "../*", ".", "./")),
-        (["--set", "path_spam=2"], "did you mean 'path_span'?"),
-        (["--solver", "gurobi"], "gurobi"),
-        (["--dask", "nowhere"], "Dask"),
-        (["-o", "no/such/t.csv"], "must exist"),
-        (["--plans", "scenarios/headon.yaml"], "must be a folder"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_bad_options_are_refused_and_nothing_is_written(
-    options: list[str], said: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run("batch", "scenarios", *options)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert said in result.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["scenarios"]
-    assert run("batch", "nowhere").exit_code == 2
-
-
 def children_of(process: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
 

@@ -124,24 +124,6 @@ def test_plan_draws_the_view_that_is_asked_for(easy: Path, tmp_path: Path) -> No
         assert ("x (m)" in drawn) == (view == "map")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--view", "space-time"], "needs --plot"),
-        (["--view", "profiles", "--plot", "plan.html"], "--plot must end in one of .pdf, .png, .svg"),
-        (["--view", "globe", "--plot", "plan.png"], "'globe' is not one of"),
-    ],
-)
-def test_a_view_that_cannot_be_had_is_refused(
-    arguments: list[str], said: str, easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    before = set(tmp_path.iterdir())
-    result = run("plan", easy, *arguments)
-    assert result.exit_code == 2 and said in " ".join(result.stderr.split())
-    assert set(tmp_path.iterdir()) == before
-
-
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"] or ["matplotlib"]:
         monkeypatch.setitem(sys.modules, name, None)
@@ -168,41 +150,6 @@ def test_video_without_ffmpeg_is_refused_before_planning(
     assert not (tmp_path / "plan.json").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--solver", "gurobi"], ["--solver", "gurobi", "daqp, "]),
-        (["--method", "magic"], ["--method", "magic", "scp", "penalty-descent"]),
-        (["--method", "penalty-descent", "--solver", "osqp"], ["--solver", "osqp", "solves no subproblems"]),
-        (["--time-limit", "0"], ["--time-limit", "0", "greater than 0"]),
-        (["--time-limit", "nan"], ["--time-limit", "nan", "finite"]),
-        (["--time-limit", "soon"], ["Invalid value for", "--time-limit"]),
-        (["--seed", "-1"], ["--seed", "-1: must be at least 0"]),
-        (["--samples", "1"], ["--samples", "1: must be at least 2"]),
-        (["-o", "no/such/folder/plan.json"], ["--output", "no/such/folder/plan.json", "must exist"]),
-        (["-o", "."], ["--output", ".", "must not be a folder"]),
-        (["-o", "easy.yaml"], ["--output", "easy.yaml", "must not be the scenario file"]),
-        (["--plot", "plan.doc"], ["--plot", "plan.doc", ".png"]),
-        (["--plot", "plan"], ["--plot", ".html"]),
-        (["--plot", "no/such/plan.png"], ["--plot", "no/such/plan.png", "must exist"]),
-        (["--colour"], ["--colour"]),
-    ],
-    ids=lambda value: " ".join(value),
-)
-def test_bad_options_are_refused_before_planning(
-    options: list[str], said: list[str], easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    before = easy.read_bytes()
-    result = run("plan", easy.name, "-o", "plan.json", *options)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    for words in said:
-        assert words in result.stderr
-    assert [file.name for file in tmp_path.iterdir()] == ["easy.yaml"]
-    assert easy.read_bytes() == before
-
-
 def test_settings_are_changed_by_name(easy: Path, tmp_path: Path) -> None:
     changes = ("--set", "acceleration_degree=2", "--set", "path_degree=5")
     assert run("plan", easy, "-o", tmp_path / "plan.json", *changes).exit_code == 0
@@ -212,26 +159,6 @@ def test_settings_are_changed_by_name(easy: Path, tmp_path: Path) -> None:
     assert simulated.exit_code == 0, simulated.output
     compared = run("compare", easy, "--starts", "1", "--set", "samples=60", "--method", "scp")
     assert compared.exit_code == 0, compared.output
-
-
-@pytest.mark.parametrize(
-    ("command", "assignment", "said"),
-    [
-        ("plan", "path_spam=2", "path_spam = '2': there is no such setting; did you mean 'path_span'?"),
-        ("plan", "path_span=0", "path_span = 0.0: must be a number, above 0, up to 1e+12 m"),
-        ("plan", "iterations=2", "there is no such setting; did you mean 'max_iterations'?"),
-        ("plan", "path_span", "path_span: must be NAME=VALUE"),
-        ("compare", "path_spam=2", "did you mean 'path_span'?"),
-        ("simulate", "period=1", "period: --rate gives the period"),
-        ("simulate", "foresigt=2", "did you mean 'foresight'?"),
-        ("simulate", "iterations=0", "iterations = 0: must be a whole number, 1 to 1000"),
-    ],
-)
-def test_wrong_settings_are_refused(command: str, assignment: str, said: str, easy: Path, tmp_path: Path) -> None:
-    result = run(command, easy, "-o", tmp_path / "out", "--set", assignment)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert said in result.stderr
-    assert not (tmp_path / "out").exists()
 
 
 def test_plan_by_penalty_descent(easy: Path, tmp_path: Path) -> None:
@@ -256,9 +183,3 @@ def test_plan_says_what_no_trip_is_shorter_than(tmp_path: Path) -> None:
         assert plan.gap == pytest.approx(summaries[option]["relative_gap"])
     assert summaries["--no-bound"]["relative_gap"] > 1.0
     assert 0.0 <= summaries["--bound"]["relative_gap"] < 0.01
-
-
-def test_an_unknown_built_in_scenario_is_refused() -> None:
-    result = run("plan", "builtin:crosing")
-    assert result.exit_code == 2
-    assert "'crosing'" in result.stderr and "'crossing'" in result.stderr

@@ -38,28 +38,6 @@ def test_compare_names_scenarios_that_no_method_solves(hopeless: Path, easy: Pat
     assert run("compare", hopeless, "--starts", "1", "--method", "scp", "--quiet").stdout == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--starts", "0"], ["--starts", "0: must be at least 1"]),
-        (["--method", "magic"], ["--method", "magic", "l-bfgs"]),
-        (["--plot", "trials.html"], ["--plot", "trials.html", ".svg"]),
-        (["-o", "no/such/trials.csv"], ["--output", "no/such/trials.csv", "must exist"]),
-        (["none.yaml"], ["none.yaml: No such file or directory"]),
-    ],
-    ids=lambda value: " ".join(value),
-)
-def test_bad_options_of_compare_are_refused(
-    options: list[str], said: list[str], easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run("compare", easy.name, *options)
-    assert (result.exit_code, result.stdout) == (2, "")
-    for words in said:
-        assert words in result.stderr
-    assert [file.name for file in tmp_path.iterdir()] == ["easy.yaml"]
-
-
 @pytest.mark.slow
 def test_study_consistency_writes_tables_and_figures_and_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "results"
@@ -88,37 +66,3 @@ def test_study_consistency_refuses_a_folder_of_something_else(tmp_path: Path) ->
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{tmp_path / 'results.jsonl'}: line 1" in result.stderr
     assert [file.name for file in tmp_path.iterdir()] == ["results.jsonl"]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--repetitions", "1"], "1: must be at least 2"),
-        (["--workers", "0"], "0: must be at least 1"),
-        (["-o", "no/such/folder"], "must exist"),
-    ],
-    ids=lambda value: str(value),
-)
-def test_bad_options_of_a_study_are_refused(
-    options: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run("study", "consistency", *options)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert said in result.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        (("--probability", "1.5"), "1.5"),
-        (("--runs", "0"), "0: must be at least 1"),
-        (("nothing.csv",), "nothing.csv"),
-    ],
-)
-def test_bad_options_of_the_coverage_study_are_refused(tmp_path: Path, options: tuple[str, ...], expected: str) -> None:
-    result = run("study", "coverage", "-o", tmp_path / "coverage", *options)
-    assert result.exit_code == 2
-    assert expected in result.stderr
-    assert not (tmp_path / "coverage").exists()
