@@ -19,10 +19,9 @@ from reference_trips import (
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
-from scp_planner.certificate.checked_trip import CheckedTrip, Scope
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
@@ -92,54 +91,6 @@ def test_zones_that_change_while_it_is_driven_change_no_verdict(seed: int) -> No
         assert known.holds == new.holds
         verdicts.append(known.holds)
     assert 3 < sum(verdicts) < 27
-
-
-@pytest.mark.parametrize("offsets", [(0.0,), (-0.2, 0.3)])
-def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside(offsets: tuple[float, ...]) -> None:
-    trip, rng = random_trip(0), np.random.default_rng(0)
-    free, motions, lasts = the_scene(), Motions(), trip.trajectory.travel_time
-    free = free.model_copy(update={"vehicle": free.vehicle.model_copy(update={"discs": offsets})})
-    assert certify_trip(free, trip, (), motions=motions).holds
-    motion = motions.of(trip)
-    near = the_scene(passing(Reference(trip), 1, 3.0).obstacle(0.1))
-    for _ in range(20):
-        knots = np.sort(FRAME.time + rng.uniform(0.0, lasts, 6))
-        zones = changing(sp.zones(near), knots, np.full(7, 0.1))
-        batch = ZoneBatch.of(zones, trip.frame, free.vehicle.radius)
-        checked = CheckedTrip.of(free, trip, batch, Scope(FRAME.time + rng.uniform(0.0, 0.6) * lasts))
-        assert motion is not None
-        part = motion.part(checked)
-        assert part is not None
-        order = np.argsort(part.pieces.middle)
-        middle, half = part.pieces.middle[order], part.pieces.half[order]
-        ends = middle[0] - half[0], middle[-1] + half[-1]
-        assert ends == pytest.approx((checked.first, checked.last))
-        assert (middle - half)[1:] == pytest.approx((middle + half)[:-1], abs=1e-12)
-        inside = np.abs((knots - FRAME.time)[:, None] / lasts - middle) < half - 1e-12
-        assert not inside.any()
-        for disc, offset in zip(part.discs, free.vehicle.discs, strict=True):
-            center = disc.center
-            assert center.time == pytest.approx(lasts * part.pieces.middle)
-            assert center.half == pytest.approx(lasts * part.pieces.half)
-            assert len(disc.off) == len(middle) and not disc.most_off.any()
-            for share in np.linspace(-0.99, 0.99, 9):
-                since, step = share * center.half, 0.01 * center.half
-                times = FRAME.time + center.time + since
-                place, before, after = (place_of_disc(trip, times + moved, offset) for moved in (0.0, -step, step))
-                off = np.linalg.norm(place - center.position - since[:, None] * center.velocity, axis=1)
-                assert (off <= 0.5 * center.acceleration * center.half**2 + 1e-7).all()
-                velocity = (after - before) / (2.0 * step)[:, None]
-                slower = np.linalg.norm(velocity - center.velocity, axis=1)
-                assert (slower <= center.acceleration * center.half + 1e-3).all()
-                if abs(share) < 1e-9:
-                    assert (off <= 1e-7 - disc.off).all() and (disc.off < 0.0).any()
-
-
-def place_of_disc(trip: Trip, times: np.ndarray, offset: float) -> np.ndarray:
-    """Where a disc that is so far ahead is at times (n,), s: (n, 2) m."""
-    points, _ = trip.at(times)
-    heading = points.path.direction / np.linalg.norm(points.path.direction, axis=1, keepdims=True)
-    return np.asarray(points.path.position + offset * heading)
 
 
 def test_a_trip_is_known_by_all_that_it_depends_on() -> None:

@@ -10,7 +10,6 @@ from scenes import CROSSERS, disc, scene
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
-from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import arcs
@@ -25,40 +24,6 @@ SCENES = {
     "slow": scene(disc("wall", (9.0, 0.2), radius=1.2), disc("walker", (14.0, -3.0), (0.0, 0.5))),
     "boxed": scene(disc("o", (10.0, 0.0), (-0.2, 0.0)), bounds={"min": [-1.0, -1.2], "max": [21.0, 3.0]}),
 }
-
-
-def bang_bang(length: float, v0: float, top: float, a: float, d: float, end: float | None) -> float:
-    """Shortest time by a fine search over peak speeds: an independent computation."""
-    peak = np.linspace(max(v0, end or 0.0, 1e-3), max(top, v0), 200001)
-    rise = (peak**2 - v0**2) / (2 * a)
-    fall = 0.0 if end is None else (peak**2 - end**2) / (2 * d)
-    time = (peak - v0) / a + (0.0 if end is None else (peak - end) / d) + (length - rise - fall) / peak
-    best = float(time[rise + fall <= length + 1e-9].min(initial=np.inf))
-    if end is None:
-        free = (-v0 + np.sqrt(v0**2 + 2 * a * length)) / a
-        if v0 + a * free <= top:
-            best = min(best, free)
-    return best
-
-
-@pytest.mark.parametrize("goal_speed", [None, 0.0, 1.2])
-@pytest.mark.parametrize("start_speed", [0.0, 1.0, 3.0])
-@pytest.mark.parametrize("length", [4.0, 20.0])
-def test_without_obstacles_the_trip_is_bang_bang(length: float, start_speed: float, goal_speed: float | None) -> None:
-    scenario = scene(start={"speed": start_speed}, goal={"position": [length, 0.0], "speed": goal_speed})
-    exact = bang_bang(length, start_speed, 3.0, 1.5, 2.0, goal_speed)
-    closed, _ = straight_travel_time(length, start_speed, Limits.of(scenario), goal_speed)
-    assert closed == pytest.approx(exact, rel=1e-6)
-    plan = sp.plan(scenario)
-    assert plan.certified, plan.reason
-    assert exact * (1 - 1e-9) <= plan.travel_time <= 1.001 * exact
-    assert plan.lower_bound == pytest.approx(exact, rel=1e-6)
-
-
-def test_the_same_input_gives_the_same_bits() -> None:
-    first, second = (sp.plan(SCENES["crossers"]) for _ in range(2))
-    assert first.trip.trajectory.theta.tobytes() == second.trip.trajectory.theta.tobytes()
-    assert first.trip.trajectory.beta.tobytes() == second.trip.trajectory.beta.tobytes()
 
 
 def test_a_closed_wall_of_discs_is_explained() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,21 +14,6 @@ from scp_planner import builtin
 from scp_planner.arrays import Array
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nice_times
-from scp_planner.threat_zones.boundaries import boundary_of
-
-
-def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:
-    recording = record_plan(plan, scenario, 40)
-    time = np.linspace(plan.start_time, plan.arrival_time, 40)
-    assert np.array_equal(recording.time, time)
-    assert np.array_equal(recording.position, plan.position(time))
-    speed, acceleration, lateral, curvature = recording.profiles
-    assert np.array_equal(speed.values, plan.speed(time))
-    assert np.array_equal(acceleration.values, plan.acceleration(time))
-    assert np.allclose(lateral.values, plan.speed(time) ** 2 * plan.curvature(time), rtol=1e-12)
-    assert np.array_equal(curvature.values, plan.curvature(time))
-    limits = [(profile.lower, profile.upper) for profile in recording.profiles]
-    assert limits == [(0.0, 3.0), (-2.0, 1.5), (-2.0, 2.0), (-1.0, 1.0)]
 
 
 @pytest.mark.parametrize("name", builtin.names())
@@ -82,26 +65,6 @@ def _circle(count: int) -> Array:
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-@dataclass(frozen=True)
-class PolygonZone:
-    """A polygon that stands still."""
-
-    vertices: Array
-
-    def center(self, t: Array) -> Array:
-        return np.zeros((*np.shape(t), 2))
-
-    def support(self, t: Array, directions: Array) -> Array:
-        return (directions @ self.vertices.T).max(axis=-1)
-
-
-def test_boundary_of_a_polygon_is_the_polygon() -> None:
-    vertices = np.array([[2.0, 1.0], [-2.0, 1.0], [-2.0, -1.0], [2.0, -1.0]])
-    (points,) = boundary_of(PolygonZone(vertices), np.array([0.0]))
-    outline = Polygon(np.unique(points.round(6), axis=0)[[0, 1, 3, 2]])
-    assert outline.symmetric_difference(Polygon(vertices)).area < 1e-5
-
-
 def test_a_corner_is_not_filled_in(plan: sp.Plan, scenario: sp.Scenario) -> None:
     """A zone that is not convex is the union of convex pieces."""
     corner = [(-2.0, -2.0), (2.0, -2.0), (2.0, -1.0), (-1.0, -1.0), (-1.0, 2.0), (-2.0, 2.0)]
@@ -133,18 +96,6 @@ def test_truth_as_function_and_as_record(plan: sp.Plan, scenario: sp.Scenario) -
 def test_truth_of_nobody_is_refused(plan: sp.Plan, scenario: sp.Scenario) -> None:
     with pytest.raises(ValueError, match="no obstacle 'nobody' in the scenario 'radar'"):
         record_plan(plan, scenario, 5, {"nobody": ([0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]])})
-
-
-def test_bodies_turn_with_the_heading() -> None:
-    motion = sp.Motion(position=(5.0, 5.0), velocity=(0.0, 2.0))
-    shape = sp.Rectangle(rectangle=(4.0, 2.0))
-    car = sp.Obstacle(id="car", shape=shape, motion=motion)
-    scenario = builtin.load("crossing").model_copy(update={"obstacles": (car,)})
-    recording = record_plan(sp.plan(scenario), scenario, 3)
-    (obstacle,) = recording.obstacles
-    assert obstacle.heading == pytest.approx([np.pi / 2] * 3, abs=1e-6)
-    low, high = obstacle.body_at(0).min(axis=0), obstacle.body_at(0).max(axis=0)
-    assert low == pytest.approx([4.0, 3.0], abs=1e-6) and high == pytest.approx([6.0, 7.0], abs=1e-6)
 
 
 def test_extent_holds_the_trip_and_little_else(plan: sp.Plan, scenario: sp.Scenario) -> None:

@@ -126,23 +126,6 @@ def test_same_seed_same_run_with_everything_that_is_random() -> None:
     assert drive() == drive()
 
 
-def test_outlines_of_zones_are_written_down(tmp_path: Path) -> None:
-    shapes = [
-        {"rectangle": [1.2, 0.6]},
-        {"ellipse": [0.8, 0.4]},
-        {"polygon": [[-0.5, -0.5], [0.8, -0.5], [0.8, 0.1], [0.0, 0.0], [-0.5, 0.6]]},
-    ]
-    obstacles = [{**disc(f"o{k}", (4.0 + k, 5.0), (0.2, -0.3)), "shape": shape} for k, shape in enumerate(shapes)]
-    scenario = scene(*obstacles)
-    run = simulate(scenario.model_copy(update={"goal": sp.Goal(position=(3.0, 0.0))}), noise=0.02, time_limit=0.5)
-    copy = reloaded(run, tmp_path)
-    assert copy == run
-    assert len(copy.records[0].zones[2].outlines) > 1
-    times, points = np.linspace(0.0, 3.0, 9), np.array([5.0, 4.0]) + np.random.default_rng(0).normal(0.0, 2.0, (9, 2))
-    for again, zone in zip(copy.records[0].zones, run.records[0].zones, strict=True):
-        assert np.array_equal(again.signed_distance(times, points), zone.signed_distance(times, points))
-
-
 # sensors
 
 

@@ -80,16 +80,6 @@ def test_the_estimates_are_least_squares(tenths: list[int], seed: int) -> None:
         assert float(variance_factor(exactly(times), Fraction(t))) == pytest.approx(row @ row, rel=1e-9)
 
 
-def test_in_floating_point_they_are_least_squares_on_a_clock_near_zero() -> None:
-    times = np.linspace(-4.0, 4.0, 33)
-    seen = observations(times, seed=2)
-    published = published_estimate(times, seen)
-    found = np.linalg.lstsq(np.vander(times, 3, increasing=True), seen)[0]
-    assert published.position == pytest.approx(found[0], rel=1e-9)
-    assert published.velocity == pytest.approx(found[1], rel=1e-9)
-    assert published.half_acceleration == pytest.approx(found[2], rel=1e-9)
-
-
 @given(SECONDS, st.integers(0, 1000))
 def test_our_estimates_are_the_published_ones(tenths: list[int], seed: int) -> None:
     times = np.array(sorted(tenths)) / 10.0

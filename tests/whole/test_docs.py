@@ -32,6 +32,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import typer.main
+from scripts import load
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -353,11 +354,7 @@ def test_travel_time_is_written_as_the_page_says() -> None:
 
 @pytest.fixture(scope="module")
 def make_reference() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("docs/make_reference.py")
 
 
 def test_the_pages_are_what_the_code_says(make_reference: ModuleType) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -11,19 +10,14 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
+from scripts import load
 
 
 @pytest.fixture(scope="module")
 def linter() -> ModuleType:
     if os.environ.get("CI") != "true":
         pytest.importorskip("griffe", reason="needs the extra docs")
-    spec = importlib.util.spec_from_file_location("check_docstrings", ROOT / "docs" / "check_docstrings.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("docs/check_docstrings.py")
 
 
 def test_every_public_name_is_shown(linter: ModuleType) -> None:
@@ -119,12 +113,7 @@ def test_the_linter_finds(source: str, said: list[str], faults_of: Callable[[str
 
 @pytest.fixture(scope="module")
 def machines() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("machines", ROOT / "tools" / "machines.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return load("tools/machines.py")
 
 
 def test_all_kinds_of_machines_are_among_the_variants(machines: ModuleType) -> None:

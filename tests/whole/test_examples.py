@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import scripts
 from PIL import Image
 
 from scp_planner import builtin
@@ -23,11 +24,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return scripts.load(f"examples/{name}.py")
 
 
 def run_script(name: str, figure: Path) -> subprocess.CompletedProcess[str]:

@@ -14,7 +14,7 @@ import pytest
 from scenes import scene
 
 import scp_planner as sp
-from benchmarks.hostile import calls, clocks, commands, planfiles, sensors, workers
+from benchmarks.hostile import calls, clocks, commands, planfiles, workers
 from benchmarks.hostile.cases import Case, Kind, carry_out, make
 from benchmarks.hostile.outcome import Outcome
 from benchmarks.hostile.wild import Wild, wild
@@ -174,14 +174,3 @@ def test_another_clock_shifts_times_and_nothing_else() -> None:
     assert later["start"]["time"] == 64.0
     assert clocks.shifted(later, -64.0) == data
     assert {**later, "start": 0, "goal": 0, "obstacles": 0} == {**data, "start": 0, "goal": 0, "obstacles": 0}
-
-
-@pytest.mark.parametrize("odd", sensors.ODDITIES)
-def test_every_oddity_of_sensors_is_sent(odd: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    sent: list[str] = []
-    for name in ("observe", "update_obstacle", "update_motion"):
-        monkeypatch.setattr(sp.Planner, name, lambda *_, name=name, **__: sent.append(name))
-    drawn = (make(Kind.SENSOR, seed).data for seed in range(99))
-    data = next(each for each in drawn if each["odd"] == odd and len(each["places"]) > 1)
-    sensors.check(data)
-    assert set(sent) == {"observe"} | {"float32": {"update_obstacle"}, "forgotten": {"update_motion"}}.get(odd, set())
