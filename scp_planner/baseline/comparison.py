@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.checked_descent import checked_descent
-from scp_planner.baseline.descent import Descent
+from scp_planner.baseline.descent import Descent, checked_descent
 from scp_planner.baseline.descent_run import DescentSettings, Iterate, Variant
 from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip

@@ -1,10 +1,11 @@
-"""Descent on the penalised objective with penalty continuation, from one start."""
+"""Descent on the penalised objective from one start, and its certificate: what hardly fails is repeated tighter."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,11 +16,16 @@ from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
 from scp_planner.baseline.priced import places_of, signed_excess, times_near, uniform, with_margins
 from scp_planner.baseline.tolerances import REPAIRABLE, SETTLED_EXCESS, TARGET
+from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
+from scp_planner.planning.attempts import CheckedRun
 from scp_planner.problem.problem import Problem
+from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 logger = logging.getLogger(__name__)
 
@@ -208,3 +214,38 @@ class Descent:
 
     def _exact(self) -> Evaluation:
         return evaluate_trip(self.problem, self.coordinates.trajectory(self.y))
+
+
+CheckedDescent: TypeAlias = CheckedRun[DescentRun]
+
+
+def checked_descent(
+    problem: Problem, threat_zones: tuple[ThreatZone, ...], descent: Descent, timings: dict[str, float] | None = None
+) -> CheckedDescent:
+    """Descend, and check the result; repeat with tighter margins what hardly fails, and carefully what fails."""
+    best: CheckedDescent | None = None
+    checking = 0.0
+    for attempt in (descent.run, descent.run_carefully):
+        run: DescentRun | None = attempt()
+        for _ in range(TIGHTENINGS + 1):
+            assert run is not None
+            clock = perf_counter()
+            certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory.settled()), threat_zones)
+            checking += perf_counter() - clock
+            descent.began += perf_counter() - clock
+            checked = CheckedRun(replace(run), certificate)
+            best = checked if checked.better_than(best) else best
+            if certificate.holds or not run.repairable:
+                break
+            run = descent.tighten(certificate)
+            if run is None:
+                break
+        if certificate.holds or descent.run_so_far.status is DescentStatus.TIME_LIMIT:
+            break
+    assert best is not None
+    best.run.evaluations = descent.run_so_far.evaluations
+    best.run.iterations = descent.run_so_far.iterations
+    if timings is not None:
+        timings["descent"] = timings.get("descent", 0.0) + perf_counter() - descent.began
+        timings["certificate"] = timings.get("certificate", 0.0) + checking
+    return best

@@ -8,8 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.baseline.checked_descent import CheckedDescent, checked_descent
-from scp_planner.baseline.descent import DESCENT, Descent
+from scp_planner.baseline.descent import DESCENT, CheckedDescent, Descent, checked_descent
 from scp_planner.baseline.descent_run import DescentSettings, DescentStatus
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import ATTEMPTS, Attempt, ReadyProblem, Search, Tally, met_what_was_left_out

@@ -12,13 +12,13 @@ from scp_planner.certificate.cells import clear_of_cells
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
 from scp_planner.certificate.clearance import Kept, VehicleDisc, least_clearance, leaves_bounds
 from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.ends import begins_beside, ends_broken
 from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.passing import passes_of, places_missed
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
-from scp_planner.certificate.trip_ends import begins_beside, ends_broken
 from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, Ends, Violation
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock

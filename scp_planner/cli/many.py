@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scp_planner.baseline import methods as compared
-from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
@@ -23,6 +22,7 @@ from scp_planner.cli.options import (
     at_least,
     bad_option,
     check_folder,
+    check_picture,
     check_target,
     load_scenario,
 )
@@ -194,7 +194,7 @@ def compare(
 
     start_logging(printing)
     check_target("--output", output)
-    pictures.check_picture("--plot", plot, suffixes=FIGURE_SUFFIXES)
+    check_picture("--plot", plot, suffixes=FIGURE_SUFFIXES)
     settings = Settings.from_text(assignments or ())
     scenarios = [load_scenario(file) for file in scenario_files]
     chosen = methods or [compared.Method.SCP, compared.Method.LBFGS]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,9 +14,11 @@ import typer
 
 from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.files import regular_target, try_to_write
+from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, PAGE_SUFFIXES, PICTURE_SUFFIXES, View
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Model, Scenario
+
 
 BUILT_IN = "builtin:"
 """Prefix of a built-in scenario's name where a file is wanted."""
@@ -35,32 +38,46 @@ def at_least(least: int) -> Callable[[int | None], int | None]:
     return check
 
 
-def _known_scenarios(incomplete: str) -> Iterable[str]:
-    """Complete the names of built-in scenarios; where none begins like that, the shell completes files."""
+def _completed(names: Callable[[], Iterable[str]]) -> Callable[[str], Iterable[str]]:
+    """Make a completion of names, which are found out only when a shell asks for them."""
+    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
+
+
+@_completed
+def _known_demos() -> Iterable[str]:
     from scp_planner import builtin
 
-    return [BUILT_IN + name for name in builtin.names() if incomplete and (BUILT_IN + name).startswith(incomplete)]
+    return builtin.names()
 
 
-def _known_demos(incomplete: str) -> Iterable[str]:
-    from scp_planner import builtin
-
-    return [name for name in builtin.names() if name.startswith(incomplete)]
-
-
-def _known_solvers(incomplete: str) -> Iterable[str]:
+@_completed
+def _known_solvers() -> Iterable[str]:
     from scp_planner.settings.planning import solver_names
 
-    return [name for name in solver_names() if name.startswith(incomplete)]
+    return solver_names()
 
 
-def known_settings(incomplete: str) -> Iterable[str]:
-    """Complete the names of settings, those of closed loops too."""
+@_completed
+def _known_models() -> Iterable[str]:
+    from scp_planner.scenario.ready_made import NAMES
+
+    return NAMES
+
+
+@_completed
+def known_settings() -> Iterable[str]:
+    """Names of settings, those of closed loops too."""
     from scp_planner.settings.knobs import knobs
     from scp_planner.settings.online import OnlineSettings
     from scp_planner.settings.planning import Settings
 
-    return [name for name in [*knobs(Settings), *knobs(OnlineSettings)] if name.startswith(incomplete)]
+    return [*knobs(Settings), *knobs(OnlineSettings)]
+
+
+def _known_scenarios(incomplete: str) -> Iterable[str]:
+    """Complete the names of built-in scenarios; where none begins like that, the shell completes files."""
+    names = [BUILT_IN + name for name in _known_demos("")]
+    return [name for name in names if incomplete and name.startswith(incomplete)]
 
 
 def _assigned_settings(context: typer.Context, incomplete: str) -> Iterable[str]:
@@ -72,10 +89,8 @@ def _assigned_settings(context: typer.Context, incomplete: str) -> Iterable[str]
     return [f"{name}=" for name in known_settings(incomplete) if drives or name in knobs(Settings)]
 
 
-def _known_models(incomplete: str) -> Iterable[str]:
-    from scp_planner.scenario.ready_made import NAMES
-
-    return [name for name in NAMES if name.startswith(incomplete)]
+def _seed(help_text: str) -> Any:
+    return typer.Option("--seed", metavar="N", callback=at_least(0), help=help_text)
 
 
 ScenarioFile = Annotated[
@@ -109,7 +124,10 @@ MethodName = Annotated[PlanningMethod, typer.Option("--method", help="How to pla
 SolverName = Annotated[
     str | None,
     typer.Option(
-        "--solver", metavar="NAME", help="daqp (default), clarabel, osqp or cvxpy.", autocompletion=_known_solvers
+        "--solver",
+        metavar="NAME",
+        help="daqp (default), clarabel, osqp or cvxpy.",
+        autocompletion=_known_solvers,
     ),
 ]
 Assignments = Annotated[
@@ -122,29 +140,10 @@ Assignments = Annotated[
     ),
 ]
 Seed = Annotated[
-    int,
-    typer.Option(
-        "--seed",
-        metavar="N",
-        callback=at_least(0),
-        help="Accepted by all commands, 0 or more: planning draws nothing at random, every seed gives the same plan.",
-    ),
+    int, _seed("Accepted by all commands, 0 or more: planning draws nothing at random, every seed gives the same plan.")
 ]
-SearchSeed = Annotated[
-    int,
-    typer.Option(
-        "--seed",
-        metavar="N",
-        callback=at_least(0),
-        help="Seed of the search of --method monte-carlo, 0 or more; same seed, same trials.",
-    ),
-]
-NoiseSeed = Annotated[
-    int,
-    typer.Option(
-        "--seed", metavar="N", callback=at_least(0), help="Seed of the noise, 0 or more; same seed, same run."
-    ),
-]
+SearchSeed = Annotated[int, _seed("Seed of the search of --method monte-carlo, 0 or more; same seed, same trials.")]
+NoiseSeed = Annotated[int, _seed("Seed of the noise, 0 or more; same seed, same run.")]
 TimeLimit = Annotated[
     float | None, typer.Option("--time-limit", metavar="S", help="Seconds to plan in; default: no limit.")
 ]
@@ -282,3 +281,45 @@ def keyword_settings(assignments: list[str] | None, solver: str | None) -> dict[
 
     values = parse_assignments(assignments or (), Settings)
     return values if solver is None else {**values, "solver": solver}
+
+
+MOVING_SUFFIXES = (*FILM_SUFFIXES, *PAGE_SUFFIXES)
+
+
+PictureView = Annotated[
+    View,
+    typer.Option(
+        "--view",
+        help="What the figure of --plot shows: map and profiles; space-time: which part of the way is taken when, and"
+        " so why the vehicle waits; or profiles alone.",
+    ),
+]
+
+
+def can_plot() -> bool:
+    """True if matplotlib is there."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def check_picture(
+    option: str,
+    target: Path | None,
+    source: str = "",
+    suffixes: tuple[str, ...] = PICTURE_SUFFIXES,
+    view: View = View.MAP,
+) -> None:
+    """Refuse before planning a picture that could not be drawn after it."""
+    if target is None:
+        if view is not View.MAP:
+            raise bad_option("--view", view, f"needs {option}")
+        return
+    suffix = target.suffix.lower()
+    if suffix not in suffixes:
+        raise bad_option(option, target, f"must end in one of {', '.join(suffixes)}")
+    if suffix not in PAGE_SUFFIXES and not can_plot():
+        raise bad_option(option, target, "needs matplotlib: pip install 'scp-planner[plot]'")
+    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise bad_option(option, target, "needs ffmpeg, which is not installed; .gif does without")
+    if view is not View.MAP and suffix not in FIGURE_SUFFIXES:
+        raise bad_option("--view", view, f"is a figure: {option} must end in one of {', '.join(FIGURE_SUFFIXES)}")
+    check_target(option, target, source)

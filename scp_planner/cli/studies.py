@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.cli import pictures
 from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import (
     Json,
@@ -20,6 +19,7 @@ from scp_planner.cli.options import (
     Workers,
     at_least,
     bad_option,
+    can_plot,
     check_folder,
     check_probability,
     check_target,
@@ -73,7 +73,7 @@ def consistency(
     processes = workers or os.cpu_count() or 1
     result = run_consistency(settings, folder=output, workers=processes, progress=not printing.quiet)
     written = result.save(output)
-    if pictures.can_plot():
+    if can_plot():
         from scp_planner.studies.figures import plot_border, plot_consistency
 
         figures = [output / name for name in CONSISTENCY_FIGURES]
@@ -128,7 +128,7 @@ def coverage(
     written = [output / "coverage.csv"]
     tables = [simulated.summary(results)]
     records: dict[str, Any] = {"simulated": [asdict(row) for row in results]}
-    if pictures.can_plot():
+    if can_plot():
         simulated.plot_coverage(results, output / "coverage.png")
         written.append(output / "coverage.png")
     if loaded:

@@ -9,20 +9,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scp_planner.batch.jobs import Options, planned
-from scp_planner.cli import commonroad, pictures, summaries
+from scp_planner.cli import commonroad, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
     BUILT_IN,
+    MOVING_SUFFIXES,
     Assignments,
     DemoName,
     MotionModel,
     NoiseSeed,
+    PictureView,
     ScenarioFile,
     SolverName,
     bad_option,
+    can_plot,
     check_folder,
     check_number,
+    check_picture,
     check_solver,
     check_target,
     load_scenario,
@@ -48,7 +52,7 @@ class PictureOptions:
         Path | None,
         typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
     ] = None
-    view: pictures.PictureView = View.MAP
+    view: PictureView = View.MAP
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def plan(
     start_logging(printing)
     planning.check()
     check_target("--output", output, scenario_file)
-    pictures.check_picture("--plot", picture.plot, scenario_file, view=picture.view)
+    check_picture("--plot", picture.plot, scenario_file, view=picture.view)
     solution.check(scenario_file, planning.method)
     options = planning.options
     with waiting("planning", printing.quiet):
@@ -169,7 +173,7 @@ def simulate(
         Path | None, typer.Option("--animate", help="Animate the run: .gif, .mp4; .html to look at in a browser.")
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
-    view: pictures.PictureView = View.MAP,
+    view: PictureView = View.MAP,
     *,
     drive: DriveOptions,
     printing: Printing,
@@ -182,8 +186,8 @@ def simulate(
     start_logging(printing)
     drive.check()
     check_target("--output", output, scenario_file)
-    pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
-    pictures.check_picture("--plot", plot, scenario_file, FIGURE_SUFFIXES, view)
+    check_picture("--animate", animation, scenario_file, MOVING_SUFFIXES)
+    check_picture("--plot", plot, scenario_file, FIGURE_SUFFIXES, view)
     run = _drive(load_scenario(scenario_file, drive.motion), drive, printing.quiet)
     if output is not None:
         run.save(output)
@@ -228,7 +232,7 @@ def _draw_demo(scenario: Scenario, made: Plan, run: Run, folder: Path, quiet: bo
     """Draw all that can be drawn; return the names of the files."""
     made.draw(scenario, folder / "plan.html")
     run.draw(folder / "run.html")
-    if not pictures.can_plot():
+    if not can_plot():
         if not quiet:
             tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
         return [*DEMO_PAGES]

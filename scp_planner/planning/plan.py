@@ -20,8 +20,7 @@ from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import Fault, PlanError
 from scp_planner.files import read_json, write_text
 from scp_planner.outputs import output_named, picture_or_text
-from scp_planner.planning.plan_file import clearance_written, read_fields
-from scp_planner.planning.plan_samples import Within, check_samples
+from scp_planner.planning.plan_file import Within, check_samples, clearance_written, read_fields
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip

@@ -72,7 +72,9 @@ def map_extent(recording: Recording, indices: Index) -> tuple[Array, Array]:
         for index in ([nearest(obstacle)] if stands(recording, obstacle) else indices)
     ]
     zones = [
-        obstacle.zone_at(index).reshape(-1, 2) for obstacle, index in shown if _has_zone(recording, obstacle, index)
+        obstacle.zone_at(index).reshape(-1, 2)
+        for obstacle, index in shown
+        if not np.isnan(obstacle.center[index]).any() and is_shown(recording, obstacle, index)
     ]
     low, high = _with(recording, low, high, zones)
     truths = [(obstacle, index, obstacle.truth_at(index)) for obstacle, index in shown]
@@ -106,8 +108,3 @@ def covers_all(recording: Recording, obstacle: ObstacleRecord, index: int) -> bo
 def _most(recording: Recording) -> float:
     """Extent of the largest zone that a map has room for, m."""
     return max(length_of(recording), 4.0 * recording.radius)
-
-
-def _has_zone(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
-    """True if a zone is known and drawn at a time."""
-    return not np.isnan(obstacle.center[index]).any() and is_shown(recording, obstacle, index)

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
-from scp_planner.files import check_suffix
 from scp_planner.plotting.drawn import map_extent
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import DPI, finish, style
-from scp_planner.settings.pictures import FIGURE_SUFFIXES
+from scp_planner.plotting.style import DPI, check_figure, finish, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -62,7 +60,7 @@ def plot_plan(
     ValueError
         If the suffix is another one, there are too many times, or `truth` names an unknown obstacle.
     """
-    _check(path, times)
+    check_figure(path)
     shown = _shown(times, plan.start_time, plan.arrival_time)
     grid = np.linspace(plan.start_time, plan.arrival_time, 300)
     recording = record_plan(plan, scenario, np.union1d(grid, shown), truth)
@@ -89,7 +87,7 @@ def plot_run(run: Run, path: str | PathLike[str] | None = None, *, times: ArrayL
     ValueError
         If the suffix is another one, or there are too many times.
     """
-    _check(path, times)
+    check_figure(path)
     shown = _shown(times, float(run.time[0]), float(run.time[-1]))
     return _plot_recording(record_run(run, times=shown), shown, path)
 
@@ -117,7 +115,7 @@ def plot_profiles(
     ValueError
         If the suffix is another one, or `truth` names an unknown obstacle.
     """
-    _check(path)
+    check_figure(path)
     return _plot_profiles(record_plan(plan, scenario, 300, truth), path)
 
 
@@ -139,20 +137,15 @@ def plot_run_profiles(run: Run, path: str | PathLike[str] | None = None) -> Figu
     ValueError
         If the suffix is another one.
     """
-    _check(path)
+    check_figure(path)
     return _plot_profiles(record_run(run), path)
-
-
-def _check(path: str | PathLike[str] | None, times: ArrayLike | None = None) -> None:
-    if path is not None:
-        check_suffix(path, FIGURE_SUFFIXES)
-    if times is not None and (np.ndim(times) != 1 or not 1 <= np.size(times) <= SHOWN):
-        raise ValueError(f"times: must be 1 to {SHOWN} times, not an array of shape {np.shape(times)}")
 
 
 def _shown(times: ArrayLike | None, start: float, end: float) -> Array:
     if times is None:
         return nice_times(start, end)
+    if np.ndim(times) != 1 or not 1 <= np.size(times) <= SHOWN:
+        raise ValueError(f"times: must be 1 to {SHOWN} times, not an array of shape {np.shape(times)}")
     return np.clip(np.asarray(times, dtype=float), start, end)
 
 

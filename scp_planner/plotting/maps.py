@@ -41,8 +41,9 @@ _KEY_SPACING: dict[str, Any] = {"handletextpad": 0.4, "columnspacing": 1.0, "bor
 def draw_map(axes: Axes, recording: Recording, indices: Index, box: Box, *, narrow: bool = False) -> None:
     """Draw the trip, coloured by speed, and vehicle and zones at some times."""
     draw_scene(axes, recording, indices, box, narrow=narrow)
-    if len(recording.paths) > 1:
-        _draw_plans(axes, recording, indices)
+    for index in indices if len(recording.paths) > 1 else ():  # what was planned at these times
+        path = recording.paths[recording.path_index[index]]
+        axes.plot(*path.T, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2.8)
     _draw_speed(axes, recording)
 
 
@@ -205,13 +206,6 @@ def _draw_obstacle(
 def _write_time(axes: Axes, recording: Recording, index: int, x: float, y: float) -> None:
     text = time_text(recording.time[index] - recording.epoch)
     axes.text(x, y, text, ha="center", va="center", path_effects=halo(), **LABEL)
-
-
-def _draw_plans(axes: Axes, recording: Recording, indices: Index) -> None:
-    """Draw what was planned at the times that are shown."""
-    for index in indices:
-        path = recording.paths[recording.path_index[index]]
-        axes.plot(*path.T, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2.8)
 
 
 def _draw_speed(axes: Axes, recording: Recording) -> None:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.files import check_suffix
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.plotting.ground import SLOW_LOOK
 from scp_planner.plotting.recording import ground_of
@@ -25,6 +24,7 @@ from scp_planner.plotting.style import (
     INK,
     LABEL,
     SLOW_TEXT,
+    check_figure,
     colour_of,
     finish,
     halo,
@@ -33,7 +33,6 @@ from scp_planner.plotting.style import (
     time_label,
 )
 from scp_planner.scenario.places import limits_at, stretches
-from scp_planner.settings.pictures import FIGURE_SUFFIXES
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import by_obstacle
 
@@ -97,8 +96,7 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
 
     if plan.legs is not None:
         raise ValueError(f"view: space-time shows one trip ahead, and this plan has {len(plan.legs.legs)} legs")
-    if path is not None:
-        check_suffix(path, FIGURE_SUFFIXES)
+    check_figure(path)
     time = np.linspace(plan.start_time, plan.arrival_time, GRID)
     panels = _panels(plan, time, 6.0 * scenario.vehicle.radius)
     every_zone = by_obstacle(zones(scenario))
@@ -147,8 +145,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     """
     from matplotlib.figure import Figure
 
-    if path is not None:
-        check_suffix(path, FIGURE_SUFFIXES)
+    check_figure(path)
     driven = lengths_along(run.position)
     time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
     points = points_at(stations, driven, run.position)

@@ -101,6 +101,12 @@ def settle(figure: Figure) -> None:
             axes.set_position((left, bottom, width, height), which=which)
 
 
+def check_figure(path: str | PathLike[str] | None) -> None:
+    """Refuse a path of another suffix before a figure is drawn."""
+    if path is not None:
+        check_suffix(path, FIGURE_SUFFIXES)
+
+
 def save(figure: Figure, path: str | PathLike[str] | None) -> Figure:
     """Save a figure, if there is a path, whole or not at all; without the date: the same figure is the same file."""
     if path is None:

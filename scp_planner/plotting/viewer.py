@@ -90,35 +90,37 @@ def _data_of(recording: Recording) -> dict[str, Any]:
     # About 1e-5 of the picture: far less than a pixel.
     digits = max(0, 5 - math.floor(math.log10(float((high - low).max()))))
     rounding = _Rounding(digits)
-    bounds, unit = recording.bounds, unit_of(float((high - low).max()))
-    clearance = recording.clearance
+
+    def placed(points: Any) -> Any:
+        return None if points is None else rounding.of(np.asarray(points) - origin)
+
     return {
         "name": recording.name,
         "facts": recording.facts,
         "origin": origin.tolist(),
         "time": np.round(recording.time - recording.epoch, 6).tolist(),
-        "position": rounding.of(recording.position - origin),
+        "position": placed(recording.position),
         "heading": _Rounding(5).of(recording.heading),
         "speed": _Rounding(5).of(recording.speed),
         "radius": recording.radius,
         "discs": list(recording.discs),
         "speeds": list(recording.speeds),
         "body": None if recording.vehicle_body is None else rounding.of(recording.vehicle_body),
-        "goal": rounding.of(np.asarray(recording.goal) - origin),
+        "goal": placed(recording.goal),
         "places": rounding.of(np.array(recording.places).reshape(-1, 2) - origin),
         "goalRadius": recording.goal_radius,
-        "goalRegion": None if recording.goal_region is None else rounding.of(recording.goal_region - origin),
-        "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),
-        "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
+        "goalRegion": placed(recording.goal_region),
+        "bounds": placed(recording.bounds),
+        "corridor": list(map(placed, recording.corridor)),
         "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],
-        "walls": [rounding.of(wall - origin) for wall in recording.walls],
-        "lanes": [rounding.of(lane - origin) for lane in recording.lanes],
-        "guide": None if recording.guide is None else rounding.of(recording.guide - origin),
+        "walls": list(map(placed, recording.walls)),
+        "lanes": list(map(placed, recording.lanes)),
+        "guide": placed(recording.guide),
         "slow": _slow_data(recording, origin, rounding),
-        "unit": asdict(unit),
+        "unit": asdict(unit_of(float((high - low).max()))),
         "replans": [{**asdict(each), "time": each.time - recording.epoch} for each in recording.replans],
         "extent": rounding.of(np.stack([low, high]) - origin),
-        "paths": [rounding.of(path - origin) for path in recording.paths],
+        "paths": list(map(placed, recording.paths)),
         "pathIndex": recording.path_index.tolist(),
         "profiles": [
             {
@@ -131,7 +133,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
             }
             for profile in recording.profiles
         ],
-        "clearance": rounding.of_known(clearance) if recording.obstacles else None,
+        "clearance": rounding.of_known(recording.clearance) if recording.obstacles else None,
         "obstacles": [_obstacle_data(obstacle, origin, rounding) for obstacle in recording.obstacles],
     }
 

@@ -13,9 +13,8 @@ from scipy.optimize import lsq_linear
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.arrays import Array
-from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.coordinates import path_scaling
-from scp_planner.baseline.descent import Descent
+from scp_planner.baseline.descent import Descent, checked_descent
 from scp_planner.baseline.descent_run import DescentSettings, DescentStatus, Variant
 from scp_planner.baseline.minimisers import MINIMISERS
 from scp_planner.planning.plan import PlanStatus
