@@ -112,7 +112,7 @@ def predictions(
         ones = [Seen(float(time), (float(places[k, now, 0]), float(places[k, now, 1]))) for k in some]
         said = sensor_frames.take_in(tracks, [names[k] for k in some], ones)
         used[[k for k, fault in zip(some, said, strict=True) if fault is None], now] = True
-        for name in [name for name, track in tracks.tracks.items() if time - track.times[-1] > LOST * step]:
+        for name in [name for name, track in tracks.tracks.items() if time - track.newest > LOST * step]:
             tracks.remove(name)
         for zone in tracks.zones(float(time)):
             track, row = tracks.tracks[zone.id], number_of[zone.id]

@@ -176,7 +176,7 @@ class Inbox:
     def _afresh(self, name: str) -> None:
         """Begin a track again that has seen nothing for longer than anything is predicted, if it is such a one."""
         track = self.obstacles.tracks[name]
-        if track.times and track.newest <= self.stamps.now - HORIZON:
+        if track.history and track.newest <= self.stamps.now - HORIZON:
             self.obstacles.remove(name)
             margin = track.margin - self.obstacles.margin
             self.obstacles.add_unseen(name, track.shape, track.model, margin, track.covariance)
@@ -239,7 +239,7 @@ class Inbox:
     def forget(self, time: float) -> None:
         """Forget the obstacles that have not been seen for long, at a time, s."""
         for track in list(self.obstacles.tracks.values()):
-            if track.times and track.fixed is None and time - track.times[-1] > self._forget_after:
+            if track.history and track.fixed is None and time - track.newest > self._forget_after:
                 gone_for = self._forget_after * self._units.time
                 self.notes.append(f"{track.id}: forgotten, not seen for {gone_for:g} s")
                 self.remove(track.id, time - self._forget_after)

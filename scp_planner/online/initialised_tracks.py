@@ -66,7 +66,7 @@ class SortedTracks:
 
 def learns(track: ObstacleTrack) -> bool:
     """Return whether more is learnt of the polynomial motion of a track with each observation."""
-    observed = bool(track.times) and track.fixed is None and track.given is None
+    observed = bool(track.history) and track.fixed is None and track.given is None
     return observed and track.model.process is None and not (track.alarmed or track.suspected)
 
 
@@ -92,8 +92,8 @@ class PolynomialMotions:
     ) -> PolynomialMotions:
         """Return motions of one order, as they are estimated."""
         middle = roots.center
-        first = np.array([track.times[0] for track in tracks])
-        last = np.array([track.times[-1] for track in tracks])
+        first = np.array([track.oldest for track in tracks])
+        last = np.array([track.newest for track in tracks])
         inverse = np.linalg.inv(roots.factor)
         spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
         sigma = np.array([track.known_noise for track in tracks])

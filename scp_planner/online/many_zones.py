@@ -54,7 +54,7 @@ class Level:
 class Sizing:
     leads: Array  # (n, H) Times ahead for which sizes are known, s; all but the first are the same for all
     kinds: Index  # (n,)
-    sizes: Array  # (n, H) Linear between leads; see `scp_planner.tracking.conformal.sized`
+    sizes: Array  # (n, H) Linear between leads; see `scp_planner.tracking.conformal.region_score`
 
     def among(self, some: Index) -> Sizing:
         return Sizing(self.leads[some], self.kinds[some], self.sizes[some])

@@ -32,7 +32,6 @@ from scp_planner.online.track import (
     ObstacleTrack,
     Seen,
     prior_of,
-    remember,
     slots_of,
 )
 from scp_planner.scenario.estimates import Estimate
@@ -101,12 +100,12 @@ class ObstacleTracks:
             elif obstacle.estimate is not None:
                 track.follow(obstacle.estimate)
             elif obstacle.observations is not None:
-                remember(track, obstacle.observations)
+                track.remember(obstacle.observations)
                 together.append(track)
         self._learn_together([track for track in together if track.simple and self.settings.alarm_probability > 0.0])
         for track in together:
             if track.estimator is None:
-                track.relearn(self.newcomers, self._make)
+                track.relearn()
 
     def replace(self, *obstacles: Obstacle) -> None:
         """Take in obstacles in place of those of the same ids."""
@@ -126,10 +125,11 @@ class ObstacleTracks:
     def _learn_together(self, tracks: Sequence[ObstacleTrack]) -> None:
         """Learn from what has been seen of obstacles before: first how much noise there is, then how they move."""
         for track in tracks:
-            track.begin(self._make)
+            track.begin()
         for track in tracks:
             whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(track.covariance)))
-            self.judge_noise(neighbour_differences(np.array(track.times), np.array(track.positions), whiten))
+            positions = np.array([one.position for one in track.history])
+            self.judge_noise(neighbour_differences(np.array(track.times), positions, whiten))
         for order, bank in self._banks.items():
             self._replay(bank, [track for track in tracks if track.model.order == order])
 
@@ -137,11 +137,11 @@ class ObstacleTracks:
         """Let a bank learn from all that has been seen of obstacles, but for outliers."""
         gate = -2.0 * math.log(self.settings.gate_probability) if self.settings.gate_probability > 0.0 else math.inf
         wild: dict[str, list[int]] = {track.id: [] for track in tracks}
-        for place in range(max((len(track.times) for track in tracks), default=0)):
-            some = [track for track in tracks if len(track.times) > place]
-            slots = np.array([track.estimator.slot for track in some if track.estimator], dtype=np.intp)
-            times = np.array([track.times[place] for track in some])
-            positions = np.array([track.positions[place] for track in some])
+        for place in range(max((len(track.history) for track in tracks), default=0)):
+            some = [track for track in tracks if len(track.history) > place]
+            slots = slots_of(some)
+            times = np.array([track.history[place].time for track in some])
+            positions = np.array([track.history[place].position for track in some])
             keep = bank.surprise(slots, times, positions) <= gate
             for number, track in enumerate(some):
                 before = wild[track.id][1 - TRACKS.most_suspects :]
@@ -153,8 +153,7 @@ class ObstacleTracks:
             bank.update(slots[keep], times[keep], positions[keep])
         for track in tracks:
             left_out = set(wild[track.id])
-            for name in ("times", "positions", "covariances"):
-                setattr(track, name, [one for k, one in enumerate(getattr(track, name)) if k not in left_out])
+            track.history = [one for k, one in enumerate(track.history) if k not in left_out]
 
     def _make(self, track: ObstacleTrack) -> TrackEstimator:
         """Make the estimator of a track."""
@@ -185,7 +184,7 @@ class ObstacleTracks:
         for track in self.tracks.values():
             track.noise_factor = self.noise.factor
             if track.estimator is not None and not isinstance(track.estimator, NoticingTrack):
-                track.relearn(self.newcomers, self._make)
+                track.relearn()
 
     def add_unseen(self, name: str, shape: Shape, model: Model, margin: float, covariance: Array | None) -> None:
         """Take in an obstacle that will be observed from now on."""
@@ -210,8 +209,10 @@ class ObstacleTracks:
         track.fixed, track.suspects = motion, []
 
     def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> ObstacleTrack:
-        margin += self.margin
-        return ObstacleTrack(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
+        body, factor = estimated_body(shape, model), self.noise.factor
+        return ObstacleTrack(
+            name, shape, model, margin + self.margin, body, self.newcomers, self._make, noise_factor=factor
+        )
 
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
@@ -226,17 +227,17 @@ class ObstacleTracks:
             return "it came twice"
         if track.comes_too_late(one):
             return f"it came too late, after {MOST_LATE} newer observations"
-        if track.is_improbable(one, self.settings.gate_probability, self.newcomers):
+        if track.is_improbable(one, self.settings.gate_probability):
             track.suspects.append(one)
             if len(track.suspects) < TRACKS.most_suspects:
                 return "it is improbable given the earlier observations"
             logger.info("obstacle %s: track restarted, it moves otherwise than estimated", name)
-            track.learn_anew(self.newcomers, self._make)
+            track.learn_anew(track.suspects)
             return None
         track.suspects = []
         if self.sizes is not None:
-            self.sizes.learn([track], [one], self.newcomers)
-        track.insert(one, self.newcomers, self._make)
+            self.sizes.learn([track], [one])
+        track.insert(one)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
         return None
@@ -245,11 +246,9 @@ class ObstacleTracks:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         self._ready = None
         if self.sizes is not None:
-            self.sizes.learn(tracks, seen, self.newcomers)
+            self.sizes.learn(tracks, seen)
         for track, one in zip(tracks, seen, strict=True):
-            track.times.append(one.time)
-            track.positions.append(one.position)
-            track.covariances.append(one.covariance)
+            track.history.append(one)
 
     @property
     def wander(self) -> bool:
@@ -352,13 +351,15 @@ class ObstacleTracks:
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         try:
-            estimate = track.estimate(self.newcomers)
-            while track.estimates_noise and is_misfit(track.times, track.positions, estimate.noise_covariance):
-                track.begin_again(len(track.times) // 2, self.newcomers, self._make)
-                estimate = track.estimate(self.newcomers)
+            estimate = track.estimate()
+            while track.estimates_noise and is_misfit(
+                track.times, [one.position for one in track.history], estimate.noise_covariance
+            ):
+                track.begin_again(len(track.history) // 2)
+                estimate = track.estimate()
         except EstimationError:
-            track.begin_again(1, self.newcomers, self._make)
-            estimate = track.estimate(self.newcomers)
+            track.begin_again(1)
+            estimate = track.estimate()
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             return estimate.with_manoeuvre(self._manoeuvre)
         return estimate
@@ -385,7 +386,7 @@ class ObstacleTracks:
         try:
             return self._plain(track, estimate, *more)
         except EstimationError:
-            track.begin_again(1, self.newcomers, self._make)
+            track.begin_again(1)
             return self._plain(track, self._estimate(track), *more)
 
     def _plain(
@@ -412,7 +413,7 @@ class ObstacleTracks:
             change = dict(zip((track.id for track in known), allowed.tolist(), strict=True))
         return {
             track.id: Learning(
-                track.model.order, len(track.times), track.times[-1] - track.times[0], change.get(track.id, 0.0)
+                track.model.order, len(track.history), track.newest - track.oldest, change.get(track.id, 0.0)
             )
             for track in some
         }
@@ -446,7 +447,7 @@ class ObstacleTracks:
             return Obstacle.model_construct(**common, motion=None, observations=None, estimate=track.given, model=model)
         each: Any = None
         if track.varying or not track.settled:
-            each = tuple(_matrix(track.noise_of(one, self.newcomers)) for one in track.covariances)
+            each = tuple(_matrix(track.noise_of(one.covariance)) for one in track.history)
         elif track.covariance is not None:
             each = _matrix(track.known_noise)
         model = track.model
@@ -456,7 +457,8 @@ class ObstacleTracks:
             new = self.newcomers
             prior = Prior(velocity_deviation=new.velocity_deviation, acceleration_deviation=new.acceleration_deviation)
             model = model.model_copy(update={"prior": prior})
-        seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
+        positions = tuple(one.position for one in track.history)
+        seen = Observations.model_construct(time=tuple(track.times), position=positions, covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
 
 

@@ -12,7 +12,6 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Sizing, times_linear
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
-from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import AdaptiveScales, region_score
@@ -47,11 +46,11 @@ class RegionSizes:
         self._border = NormalErrors().pointwise_scale(alpha)
         self._turn = 0
 
-    def learn(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
+    def learn(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Learn from what is seen of some obstacles of one bank or of none, one observation of each."""
         alone = [number for number, track in enumerate(tracks) if track.predictions]
         if alone:
-            self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone], newcomers)
+            self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone])
         first = tracks[0].estimator if len(tracks) else None
         if first is not None and first.bank is not None:
             every = range(len(REGIONS.horizons))
@@ -74,7 +73,7 @@ class RegionSizes:
                 names = [tracks[k].id for k in found.which.tolist()]
                 self._take_in(number, names, found.offset, found.covariance, declared[found.which], found.kinds)
 
-    def _learn_alone(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
+    def _learn_alone(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         for number, horizon in enumerate(REGIONS.horizons):
             told: list[Prediction] = []
             which: list[int] = []
@@ -86,7 +85,7 @@ class RegionSizes:
                     which.append(k)
             if not told:
                 continue
-            declared = np.array([tracks[k].noise_of(seen[k].covariance, newcomers) for k in which])
+            declared = np.array([tracks[k].noise_of(seen[k].covariance) for k in which])
             offsets, covariances = _errors(told, np.array([(seen[k].time, *seen[k].position) for k in which]))
             noise = declared[:, [0, 0, 1], [0, 1, 1]]
             self._take_in(number, [tracks[k].id for k in which], offsets, covariances, noise, ALONE)
@@ -108,7 +107,7 @@ class RegionSizes:
         leads = np.empty((len(tracks), len(REGIONS.horizons)))
         leads[:] = REGIONS.horizons
         # what is compared next is as far ahead as it was the last time
-        last = [track.times[-1] - track.times[-2] if len(track.times) > 1 else 0.0 for track in tracks]
+        last = [track.newest - track.history[-2:][0].time for track in tracks]
         leads[:, 0] = np.minimum(last, 0.5 * REGIONS.horizons[1])
         return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
 

@@ -37,10 +37,10 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
 
 def _bank_of(track: ObstacleTrack, one: Seen) -> Bank | None:
     """The bank that takes in what is seen of a track, if its motion is not given, none is suspect, and it is newer."""
-    estimator, times = track.estimator, track.times
-    if estimator is None or track.fixed is not None or track.given is not None or track.suspects or not times:
+    estimator = track.estimator
+    if estimator is None or track.fixed is not None or track.given is not None or track.suspects:
         return None
-    return estimator.bank if one.time > times[-1] else None
+    return estimator.bank if track.history and one.time > track.newest else None
 
 
 def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:

@@ -8,6 +8,7 @@ from bisect import bisect, bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
@@ -86,14 +87,14 @@ class ObstacleTrack:
     model: Model  # As in the scenario; ``margin`` holds the planner's margin too
     margin: float  # As in the scenario; ``margin`` holds the planner's margin too
     body: Body
+    newcomers: SceneNewcomers
+    make: EstimatorMaker
     fixed: GivenMotion | None = None  # The motion of an obstacle whose motion is given
     given: Estimate | None = None
     covariance: Array | None = None  # (2, 2)
     varying: bool = False  # Each observation has a covariance of its own
     newcomer: bool = False
-    times: list[float] = field(default_factory=list)
-    positions: list[tuple[float, float]] = field(default_factory=list)
-    covariances: list[Array | None] = field(default_factory=list)
+    history: list[Seen] = field(default_factory=list)  # In order of time
     suspects: list[Seen] = field(default_factory=list)  # The newest observations, if the gate left them out
     estimator: TrackEstimator | None = None
     noise_factor: float = 1.0  # Variance of the noise as a multiple of what is declared
@@ -107,12 +108,22 @@ class ObstacleTrack:
     @property
     def seen(self) -> bool:
         """True if there is anything to say of where it is."""
-        return self.fixed is not None or bool(self.times)
+        return self.fixed is not None or bool(self.history)
+
+    @property
+    def times(self) -> list[float]:
+        """Times of all observations, s."""
+        return [one.time for one in self.history]
+
+    @property
+    def oldest(self) -> float:
+        """Time of the oldest observation, s."""
+        return self.history[0].time if self.history else math.inf
 
     @property
     def newest(self) -> float:
         """Time of the newest observation, s."""
-        return self.times[-1] if self.times else -math.inf
+        return self.history[-1].time if self.history else -math.inf
 
     @property
     def bounded(self) -> bool:
@@ -127,10 +138,8 @@ class ObstacleTrack:
     @property
     def distinct(self) -> int:
         """Number of distinct times of observation, counted up to three."""
-        times = self.times
-        if len(times) < 3:
-            return len(set(times))
-        return len({times[0], times[len(times) // 2], times[-1]})
+        count = len(self.history)
+        return len({self.history[place].time for place in (0, count // 2, count - 1) if count})
 
     @property
     def settled(self) -> bool:
@@ -138,9 +147,9 @@ class ObstacleTrack:
         if self.given is not None:
             return True
         least = self.model.order + 1
-        if self.covariance is None and not self.varying and len(self.times) < least + 2:
+        if self.covariance is None and not self.varying and len(self.history) < least + 2:
             return False
-        if self.newcomer and self.times[-1] - self.times[0] < TRACKS.learnt:
+        if self.newcomer and self.newest - self.oldest < TRACKS.learnt:
             return False
         return self.distinct >= least
 
@@ -169,12 +178,12 @@ class ObstacleTrack:
 
     # what is made of it
 
-    def noise_of(self, covariance: Array | None, newcomers: SceneNewcomers) -> Array:
+    def noise_of(self, covariance: Array | None) -> Array:
         """Covariance (2, 2), m^2, of an observation that came with one, or without."""
         declared = self.covariance if covariance is None else covariance
         if declared is not None:
             return self.noise_factor * declared
-        own = self.model.process.noise_deviation if self.model.process else newcomers.noise_deviation
+        own = self.model.process.noise_deviation if self.model.process else self.newcomers.noise_deviation
         return own**2 * np.eye(2)
 
     @property
@@ -183,42 +192,42 @@ class ObstacleTrack:
         assert self.covariance is not None, "it is known"
         return np.asarray(self.noise_factor * self.covariance)
 
-    def insert(self, one: Seen, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+    def insert(self, one: Seen) -> None:
         """Take in an observation, in its place in time."""
-        place = bisect(self.times, one.time)
-        late = place < len(self.times)
-        self.times.insert(place, one.time)
-        self.positions.insert(place, one.position)
-        self.covariances.insert(place, one.covariance)
+        place = bisect(self.history, one.time, key=_time)
+        late = place < len(self.history)
+        self.history.insert(place, one)
         if one.covariance is not None and not self.varying:
-            if self.covariance is None and len(self.times) == 1:
+            if self.covariance is None and len(self.history) == 1:
                 self.covariance = one.covariance
             if self.covariance is None or not np.array_equal(one.covariance, self.covariance):
                 self.varying = True
-                self.relearn(newcomers, make)
+                self.relearn()
                 return
         if self.estimator is None:
-            self.relearn(newcomers, make)
+            self.relearn()
         elif late and self.estimator.in_order:
-            self.estimator.go_back(len(self.times) - 1 - place)
-            self._learn(self.estimator, newcomers, place)
+            self.estimator.go_back(len(self.history) - 1 - place)
+            self._learn(self.estimator, self.history[place:])
         else:
-            self._update(self.estimator, one, newcomers)
+            self._learn(self.estimator, [one])
 
-    def relearn(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+    def relearn(self) -> None:
         """Make the estimator anew from all that was seen."""
-        self._learn(self.begin(make), newcomers)
+        self._learn(self.begin(), self.history)
 
-    def _learn(self, estimator: TrackEstimator, newcomers: SceneNewcomers, first: int = 0) -> None:
-        """Take in what was seen, from one of the observations on."""
-        for each in zip(self.times[first:], self.positions[first:], self.covariances[first:], strict=True):
-            self._update(estimator, Seen(*each), newcomers)
+    def _learn(self, estimator: TrackEstimator, seen: Sequence[Seen]) -> None:
+        for one in seen:
+            try:
+                estimator.update(one.time, one.position, self.noise_of(one.covariance))
+            except EstimationError as error:
+                logger.info("obstacle %s: an observation is not used: %s", self.id, error)
 
-    def begin(self, make: EstimatorMaker) -> TrackEstimator:
+    def begin(self) -> TrackEstimator:
         """Begin with an estimator that has seen nothing."""
         if self.estimator is not None:
             self.estimator.close()
-        self.estimator = make(self)
+        self.estimator = self.make(self)
         return self.estimator
 
     def follow(self, given: Estimate) -> None:
@@ -227,88 +236,78 @@ class ObstacleTrack:
             self.estimator.close()
         self.fixed = self.estimator = self.predicted = self.zone = None
         self.given, self.suspects = given, []
-        # as if seen then: so it is known when it was heard of last
-        self.times, self.positions, self.covariances = [given.time], [given.position], [None]
+        self.history = [Seen(given.time, given.position)]  # so it is known when it was heard of last
 
     def forsake_tracker(self) -> None:
         """Begin to look for oneself, as at a newcomer."""
-        self.given, self.predicted, self.newcomer = None, None, True
-        self.times, self.positions, self.covariances = [], [], []
+        self.given, self.predicted, self.newcomer, self.history = None, None, True, []
 
-    def learn_anew(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
-        """Forget all but the suspects: it moves otherwise than estimated."""
-        suspects = sorted(self.suspects, key=lambda one: one.time)
-        self.times = [one.time for one in suspects]
-        self.positions = [one.position for one in suspects]
-        self.covariances = [one.covariance for one in suspects]
+    def learn_anew(self, seen: Sequence[Seen]) -> None:
+        """Forget all but some observations: it moves otherwise than estimated."""
+        self.history = sorted(seen, key=_time)
         self.newcomer, self.predicted, self.suspects = True, None, []
-        self.relearn(newcomers, make)
+        self.relearn()
 
-    def begin_again(self, count: int, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+    def begin_again(self, count: int) -> None:
         """Forget all but the newest observations, so many: no motion is estimated from all of them."""
         logger.info("obstacle %s: learnt anew from its newest %d observations", self.id, count)
-        newest = zip(self.times[-count:], self.positions[-count:], self.covariances[-count:], strict=True)
-        self.suspects = [Seen(*one) for one in newest]
-        self.given, self.varying = None, self.varying and any(one.covariance is not None for one in self.suspects)
-        self.learn_anew(newcomers, make)
-
-    def _update(self, estimator: TrackEstimator, one: Seen, newcomers: SceneNewcomers) -> None:
-        try:
-            estimator.update(one.time, one.position, self.noise_of(one.covariance, newcomers))
-        except EstimationError as error:
-            logger.info("obstacle %s: an observation is not used: %s", self.id, error)
+        newest = self.history[-count:]
+        self.given, self.varying = None, self.varying and any(one.covariance is not None for one in newest)
+        self.learn_anew(newest)
 
     def came_already(self, one: Seen) -> bool:
         """True if an observation has come before."""
-        same = slice(bisect_left(self.times, one.time), bisect(self.times, one.time))
-        return one.position in self.positions[same] or any(
-            (one.time, one.position) == (other.time, other.position) for other in self.suspects
-        )
+        same = slice(bisect_left(self.history, one.time, key=_time), bisect(self.history, one.time, key=_time))
+        known = (*self.history[same], *self.suspects)
+        return any((one.time, one.position) == (other.time, other.position) for other in known)
 
     def comes_too_late(self, one: Seen) -> bool:
         """True if what was known when an observation was made is not kept any more."""
-        later = len(self.times) - bisect(self.times, one.time)
+        later = len(self.history) - bisect(self.history, one.time, key=_time)
         return self.estimator is not None and later > self.estimator.depth
 
-    def is_improbable(self, one: Seen, least: float, newcomers: SceneNewcomers) -> bool:
+    def is_improbable(self, one: Seen, least: float) -> bool:
         """True if to see something as far away as this, or farther, is less probable than ``least``."""
         if self.predicted is None or least <= 0.0:
             return False
-        noise = self.noise_of(one.covariance, newcomers)
+        noise = self.noise_of(one.covariance)
         if one.covariance is None and self.seen_noise is not None and np.trace(self.seen_noise) < np.trace(noise):
             noise = self.seen_noise
         return self.predicted.exceedance(one.time, one.position, noise) < least
 
-    def estimate(self, newcomers: SceneNewcomers) -> MotionEstimate:
+    def estimate(self) -> MotionEstimate:
         """Give what is known of its motion."""
         if self.given is not None:
             return tracked_motion(self.given, self.model)
         assert self.estimator is not None, "it has been seen"
         try:
-            return self.estimator.estimate(self._prior(newcomers))
+            return self.estimator.estimate(self._prior)
         except EstimationError:
-            noise = [self.noise_of(one, newcomers) for one in self.covariances]
-            prior = prior_of(newcomers, self.model.order)
-            return estimate_motion(self.times, self.positions, np.array(noise), self.model.order, prior)
+            noise = np.array([self.noise_of(one.covariance) for one in self.history])
+            prior, positions = prior_of(self.newcomers, self.model.order), [one.position for one in self.history]
+            return estimate_motion(self.times, positions, noise, self.model.order, prior)
 
-    def _prior(self, newcomers: SceneNewcomers) -> MotionPrior | None:
+    @property
+    def _prior(self) -> MotionPrior | None:
         given = given_prior(self.model.prior)
         if given is not None:
             return given
-        return None if self.settled else prior_of(newcomers, self.model.order)
+        return None if self.settled else prior_of(self.newcomers, self.model.order)
+
+    def remember(self, seen: Observations) -> None:
+        """Put down the observations of a scenario."""
+        each: Sequence[Array | None] = [None] * len(seen.time)
+        if seen.covariance is not None:
+            given = np.array(seen.covariance)
+            given = 0.5 * (given + given.swapaxes(-1, -2))  # but for rounding it is the same
+            if given.ndim == 3:
+                self.varying, each = True, list(given)
+            else:
+                self.covariance = given
+        self.history = [Seen(*one) for one in zip(seen.time, seen.position, each, strict=True)]
 
 
-def remember(track: ObstacleTrack, seen: Observations) -> None:
-    """Put the observations of an obstacle into its track."""
-    each: list[Array | None] = [None] * len(seen.time)
-    if seen.covariance is not None:
-        given = np.array(seen.covariance)
-        given = 0.5 * (given + given.swapaxes(-1, -2))  # but for rounding it is the same
-        if given.ndim == 3:
-            track.varying, each = True, list(given)
-        else:
-            track.covariance = given
-    track.times, track.positions, track.covariances = list(seen.time), list(seen.position), each
+_time = attrgetter("time")
 
 
 def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:

@@ -95,12 +95,6 @@ def square_within(offset: ArrayLike, covariance: ArrayLike) -> Array:
     return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
 
-def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
-    """Give the covariances (n, 3) of regions of sizes (n,), see `region_score`."""
-    size = np.asarray(sizes, dtype=float)[:, None]
-    return np.asarray(np.minimum(size, 1.0) * covariance + np.maximum(size - 1.0, 0.0) * [1.0, 0.0, 1.0])
-
-
 class AdaptiveScales:
     """Scales of regions by track and horizon, which follow the misses of each."""
 
@@ -113,18 +107,11 @@ class AdaptiveScales:
         self._errors = [[_Newest() for _ in range(horizons)] for _ in range(kinds + (kinds > 1))]  # the last: of all
         self._enough = math.ceil(CONFORMAL.enough / alpha)
         self._every = np.full((kinds, horizons), alpha)
-        self._own = np.zeros((0, kinds, horizons))
-        self._rows: dict[str, int] = {}
-        self._free: list[int] = []
+        self._own: dict[str, Array] = {}
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""
         self.missed = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far that were outside, (H,)."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Tracks that it knows."""
-        return tuple(self._rows)
 
     def scales(self, names: Sequence[str], kinds: Index | int = 0) -> Array:
         """Give the sizes of tracks' regions."""
@@ -132,27 +119,18 @@ class AdaptiveScales:
         every = range(self.horizons)
         if not names or not any(self._known(k, horizon) is not None for k in which for horizon in every):
             return np.ones((len(names), self.horizons))
-        rows = self._rows_of(names)
+        own = self._levels(names)
         if len(which) == 1:
-            return self._sizes(rows, which[0], every)
+            return self._sizes(own[:, which[0]], which[0], every)
         sizes = np.ones((len(names), self.horizons))
         for k in which:
             some = kinds == k
-            sizes[some] = self._sizes(rows[some], k, every)
+            sizes[some] = self._sizes(own[some, k], k, every)
         return sizes
 
-    def _rows_of(self, names: Sequence[str]) -> Index:
-        """Rows of the levels of tracks, (n,)."""
-        new = [name for name in names if name not in self._rows]
-        for name in new:
-            if not self._free:
-                size = len(self._own)
-                more = max(size, 8)
-                self._own = np.concatenate([self._own, np.full((more, *self._own.shape[1:]), self.alpha)])
-                self._free = list(range(size + more - 1, size - 1, -1))
-            self._rows[name] = row = self._free.pop()
-            self._own[row] = self._every  # what others have taught
-        return np.array([self._rows[name] for name in names], dtype=np.intp)
+    def _levels(self, names: Sequence[str]) -> Array:
+        """Levels of tracks by kind and horizon, (n, kinds, H): a new one begins with what others have taught."""
+        return np.array([self._own.setdefault(name, self._every.copy()) for name in names])
 
     def _known(self, kind: int, horizon: int) -> _Newest | None:
         """The errors that quantiles of a kind are of; None if there are too few."""
@@ -161,9 +139,9 @@ class AdaptiveScales:
             return own
         return every if every.count >= self._enough else None
 
-    def _sizes(self, rows: Index, kind: int, horizons: range) -> Array:
-        """Sizes of n tracks over some horizons, (n, h)."""
-        level = np.minimum(self._every[kind], self._own[rows, kind] + CONFORMAL.slack * self.alpha)
+    def _sizes(self, own: Array, kind: int, horizons: range) -> Array:
+        """Sizes of n tracks with levels (n, H) over some horizons, (n, h)."""
+        level = np.minimum(self._every[kind], own + CONFORMAL.slack * self.alpha)
         level = level[:, horizons.start : horizons.stop]
         bands = np.array([1.0 + CONFORMAL.band, 1.0 - CONFORMAL.band])
         levels = level * bands[:, None, None]
@@ -178,17 +156,18 @@ class AdaptiveScales:
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
         """Learn from errors of tracks over a horizon."""
         found, kind = np.asarray(scores, dtype=float), np.broadcast_to(kinds, len(names))
-        rows = self._rows_of(names)
+        levels = self._levels(names)
         for k in sorted(set(kind.tolist())):
             some = kind == k
-            own, score = rows[some], found[some]
+            own, score = levels[some, k], found[some]
             missed = score > self._sizes(own, k, range(horizon, horizon + 1))[:, 0]
             errors, every = self._known(k, horizon), self._every[k, horizon]
             of_all = score > _quantiles([errors], np.array([[every]]))[0]
-            moved = self._own[own, k, horizon] + self.rate * (self.alpha - missed)
+            moved = own[:, horizon] + self.rate * (self.alpha - missed)
             every += CONFORMAL.together * self.rate * float((self.alpha - of_all).sum())
             self._every[k, horizon] = every = min(max(every, 0.0), 1.0)
-            self._own[own, k, horizon] = np.minimum(moved, every)
+            for number, level in zip(np.flatnonzero(some).tolist(), np.minimum(moved, every), strict=True):
+                self._own[names[number]][k, horizon] = level
             self.missed[horizon] += int(missed.sum())
             self._errors[k][horizon].add(score)
         if self.kinds > 1:
@@ -197,38 +176,32 @@ class AdaptiveScales:
 
     def forget(self, name: str) -> None:
         """Forget a track."""
-        row = self._rows.pop(name, None)
-        if row is not None:
-            self._free.append(row)
+        self._own.pop(name, None)
 
 
 class _Newest:
     """The newest errors of all tracks over a horizon."""
 
     def __init__(self) -> None:
-        self._errors = np.zeros(0)  # a ring
-        self._place = 0
-        self.count = 0
+        self._errors = np.zeros(0)
         self._sorted = np.zeros(0)
         self._fresh = 0
 
+    @property
+    def count(self) -> int:
+        """Number of errors that are kept."""
+        return len(self._errors)
+
     def add(self, errors: Array) -> None:
         """Add some, (n,); the oldest go if there are too many."""
-        new = errors[-CONFORMAL.newest :]
-        if self.count < CONFORMAL.newest and self.count + len(new) > len(self._errors):
-            size = min(max(2 * len(self._errors), len(new) + self.count, 256), CONFORMAL.newest)
-            self._errors = np.concatenate([self._errors, np.zeros(size - len(self._errors))])
-        where = (self._place + np.arange(len(new))) % CONFORMAL.newest
-        self._errors[where] = new
-        self._place = (self._place + len(new)) % CONFORMAL.newest
-        self.count = min(self.count + len(new), CONFORMAL.newest)
-        self._fresh += len(new)
+        self._errors = np.concatenate([self._errors, errors])[-CONFORMAL.newest :]
+        self._fresh += len(errors)
 
     @property
     def ranked(self) -> Array:
         """They in order, but for a few of the newest."""
         if not len(self._sorted) or self._fresh > CONFORMAL.stale * self.count:
-            self._sorted, self._fresh = np.sort(self._errors[: self.count]), 0
+            self._sorted, self._fresh = np.sort(self._errors), 0
         return self._sorted
 
 

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 from scp_planner.tracking.oscillators import SlotStates, Swings
 
 
@@ -31,19 +30,6 @@ class FilterModels:
     acceleration_deviation: float
 
     @cached_property
-    def filters(self) -> tuple[RandomWalkAcceleration | RandomWalkVelocity, ...]:
-        """Their motions: noise that makes the spread of newcomers in the time that these need for it, and multiples."""
-        time = self.velocity_deviation / self.acceleration_deviation
-        jerk, swerve = self.acceleration_deviation**2 / time, self.velocity_deviation**2 / time
-        return (
-            *(
-                RandomWalkAcceleration(diffusion=ratio * jerk, acceleration_deviation=self.acceleration_deviation)
-                for ratio in FILTERS.jerks
-            ),
-            *(RandomWalkVelocity(diffusion=ratio * swerve) for ratio in FILTERS.swerves),
-        )
-
-    @cached_property
     def swings(self) -> Swings:
         """The filters of those that weave, which follow the others."""
         return Swings.of(self.velocity_deviation, self.acceleration_deviation)
@@ -51,14 +37,18 @@ class FilterModels:
     @property
     def size(self) -> int:
         """Number of filters in all."""
-        return len(self.filters) + len(self.swings.rates)
+        return len(self.diffusions) + len(self.swings.rates)
 
     @cached_property
     def diffusions(self) -> Array:
-        """Intensities of acceleration and jerk, (M, 2) m^2/s^3 and m^2/s^5."""
-        jerks = [isinstance(motion, RandomWalkAcceleration) for motion in self.filters]
+        """Intensities of acceleration and jerk, (M, 2) m^2/s^3 and m^2/s^5.
+
+        Noise that makes the spread of newcomers in the time that these need for it, and multiples.
+        """
+        time = self.velocity_deviation / self.acceleration_deviation
+        jerk, swerve = self.acceleration_deviation**2 / time, self.velocity_deviation**2 / time
         return np.array(
-            [[0.0, m.diffusion] if jerk else [m.diffusion, 0.0] for m, jerk in zip(self.filters, jerks, strict=True)]
+            [[0.0, ratio * jerk] for ratio in FILTERS.jerks] + [[ratio * swerve, 0.0] for ratio in FILTERS.swerves]
         )
 
     @cached_property

@@ -41,7 +41,7 @@ class Bank:
         self.polynomials = RecursiveEstimator(0, order, np.zeros((0, 2, 2)))
         self.states, self.swings = FilterStates.none(widening.diffusions), SwingStates.none(widening.swings)
         self.predictions = Predictions()
-        levels, self._walks = widening.size, len(widening.filters)
+        levels, self._walks = widening.size, len(widening.diffusions)
         self.count, self._since = np.zeros((2, 0), dtype=np.intp)  # Measurements in all, and since an alarm
         self.alarmed = np.zeros(0, dtype=bool)
         self.weights, self.gain, self.trend, self.last = np.zeros((levels, 0)), np.zeros(0), np.zeros(0), np.zeros(0)
@@ -124,7 +124,7 @@ class Bank:
         where, lag, old = _run(slots), times - self.last[slots], self.count[slots] > 0
         innovations = np.zeros((2, 1 + self.widening.size, len(slots)))
         evidence = np.zeros(innovations.shape[1:])
-        self.polynomials.update_newest(slots, times, positions)
+        self.polynomials.take_in(slots, times, positions)
         innovations[:, 0], evidence[0] = self._fed(slots)
         self._begin(slots[~old], positions[~old])
         walks, swings = slice(1, 1 + self._walks), slice(1 + self._walks, None)

@@ -156,32 +156,22 @@ class RecursiveEstimator:
         if self._varying is (covariance is None):
             raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
         sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
-        everything = bool(used.all())
-        if not everything:
-            t, z = np.where(used, t, self._center), np.where(used[:, None], z, self._origin)
-        new = used & (self._count == 0)
-        if new.any():
-            self._center[new], self._origin[new] = t[new], z[new]
-        rows = self._rows(t, z, sigma)
-        if not everything:
-            rows *= used
-        self._absorb(rows)
-        self._count += used
-        if sigma is not None:
-            self._noise_sum[used] += sigma[used]
-        np.copyto(self._newest, z, where=(used & (t >= self._last))[:, None])
-        np.minimum(self._first, t, out=self._first, where=used)
-        np.maximum(self._last, t, out=self._last, where=used)
+        some = np.flatnonzero(used)
+        self.take_in(some, t[some], z[some], None if sigma is None else sigma[some])
         return used
 
-    def update_newest(self, some: Index, times: Array, positions: Array) -> None:
-        """Take in the newest observation each of some obstacles, which nothing is wrong with."""
+    def take_in(self, some: Index, times: Array, positions: Array, sigma: Array | None = None) -> None:
+        """Take in one observation each of some obstacles, which nothing is wrong with."""
         new = self._count[some] == 0
-        self._center[some[new]] = self._first[some[new]] = times[new]
-        self._origin[some[new]] = positions[new]
-        self._absorb(self._rows(times, positions, None, some), some)
+        self._center[some[new]], self._origin[some[new]] = times[new], positions[new]
+        self._absorb(self._rows(times, positions, sigma, some), some)
         self._count[some] += 1
-        self._newest[some], self._last[some] = positions, times
+        if sigma is not None:
+            self._noise_sum[some] += sigma
+        newest = times >= self._last[some]
+        self._newest[some[newest]] = positions[newest]
+        self._first[some] = np.minimum(self._first[some], times)
+        self._last[some] = np.maximum(self._last[some], times)
 
     def estimate(self, obstacle: int = 0, prior: MotionPrior | None = None) -> PolynomialEstimate:
         """Give the estimate of one obstacle, the same as `estimate_motion` makes of its observations."""
@@ -230,7 +220,7 @@ class RecursiveEstimator:
         variance = second / weight - (first / weight) ** 2
         return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
 
-    def _powers(self, t: Array, some: Index | slice = slice(None)) -> Array:
+    def _powers(self, t: Array, some: Index) -> Array:
         u = t - self._center[some]
         rows = np.empty((self.order + 1, len(u)))
         rows[0] = 1.0
@@ -238,7 +228,7 @@ class RecursiveEstimator:
             np.multiply(rows[j - 1], u, out=rows[j])
         return rows
 
-    def _rows(self, t: Array, z: Array, sigma: Array | None, some: Index | slice = slice(None)) -> Array:
+    def _rows(self, t: Array, z: Array, sigma: Array | None, some: Index) -> Array:
         """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
         powers, offset = self._powers(t, some), (z - self._origin[some]).T
         if sigma is None:
@@ -247,7 +237,7 @@ class RecursiveEstimator:
         design = np.einsum("jk,kab->ajbk", powers, whiten).reshape(2, self._unknowns, len(t))
         return np.concatenate([design, np.einsum("kab,bk->ak", whiten, offset)[:, None]], axis=1)
 
-    def _absorb(self, rows: Array, some: Index | slice = slice(None)) -> None:
+    def _absorb(self, rows: Array, some: Index) -> None:
         """Rotate new rows into the factor; what is left of them is a residual."""
         m, factor, shrunk = self._unknowns, self._factor[..., some], self._shrunk[some]
         for row in rows:

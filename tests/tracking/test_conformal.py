@@ -16,7 +16,6 @@ from scp_planner.tracking.conformal import (
     conformal_quantile,
     factor_to_hold,
     region_score,
-    sized,
     square_within,
 )
 from scp_planner.tracking.motion_fitting import fit_motion_model, prediction_errors
@@ -103,7 +102,8 @@ def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> Non
     z, shape = 3.0 * rng.standard_normal((500, 2)), np.tile([1.0, 0.3, 0.8], (500, 1))
     scores = region_score(z, shape, 0.5 * shape, 6.0)
     assert 50 < (scores > 1.0).sum() < 450 and 10 < (scores == 0.0).sum()
-    covariance = sized(shape, scores) + 0.5 * shape
+    larger = np.maximum(scores - 1.0, 0.0)[:, None] * [1.0, 0.0, 1.0]
+    covariance = np.minimum(scores, 1.0)[:, None] * shape + larger + 0.5 * shape
     square = np.einsum("na,nab,nb->n", z, np.linalg.inv(covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
     assert square[scores > 0.0] == pytest.approx(6.0)
     assert (square[scores == 0.0] <= 6.0).all()
