@@ -265,26 +265,26 @@ def test_what_has_left_the_corridor_beyond_its_walls_is_not_in_it(side: float) -
 
 
 @pytest.mark.parametrize(
-    ("limit", "name"),
+    ("limit", "name", "share"),
     [
-        ("max_speed", "speed"),
-        ("max_acceleration", "acceleration"),
-        ("max_deceleration", "acceleration"),
-        ("max_curvature", "curvature"),
-        ("max_lateral_acceleration", "lateral_acceleration"),
+        ("max_speed", "speed", 2e-6),  # control points of smooth profiles lie farther beyond it than that
+        ("max_acceleration", "acceleration", 2e-6),
+        ("max_deceleration", "acceleration", 2e-6),
+        ("max_curvature", "curvature", 1e-3),
+        ("max_lateral_acceleration", "lateral_acceleration", 1e-3),
     ],
 )
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_limit_broken_by_a_thousandth_is_refused(seed: int, limit: str, name: str) -> None:
-    trip = random_trip(seed, path_degree=3 + seed % 3)
+def test_a_limit_broken_by_a_share_of_it_is_refused(seed: int, limit: str, name: str, share: float) -> None:
+    trip = random_trip(seed, path_degree=3 + seed % 3, acceleration_degree=seed // 3 % 3)
     worst = vehicle_limits(Reference(trip))[limit]
     assert worst > 0.0
 
-    refused = verdict(the_scene(vehicle={limit: worst / 1.001}), trip)
+    refused = verdict(the_scene(vehicle={limit: worst / (1.0 + share)}), trip)
     assert broken(refused) == {name}
     (violation,) = refused.violations
-    assert abs(violation.value) == pytest.approx(worst, rel=1e-3)
-    assert abs(violation.allowed) == pytest.approx(worst / 1.001)
+    assert abs(violation.value) == pytest.approx(worst, rel=share)
+    assert abs(violation.allowed) == pytest.approx(worst / (1.0 + share))
 
     kept = verdict(the_scene(vehicle={limit: worst * (1.0 + 1e-6)}), trip)
     assert broken(kept) == set()
@@ -299,26 +299,6 @@ def test_a_peak_of_curvature_between_knots_is_found(seed: int) -> None:
     assert np.abs(reference.station_knots - where).min() > 0.05
     assert broken(verdict(the_scene(vehicle={"max_curvature": -value * (1.0 - 1e-6)}), trip)) == {"curvature"}
     assert broken(verdict(the_scene(vehicle={"max_curvature": -value * (1.0 + 1e-6)}), trip)) == set()
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_limits_are_told_apart_to_a_millionth(seed: int, degree: int) -> None:
-    """Control points of smooth profiles lie farther beyond them than that."""
-    trip = random_trip(seed, acceleration_degree=degree)
-    reference = Reference(trip)
-    times = np.linspace(0.0, reference.tau, 200_001)
-    speed, acceleration = float(reference.speed(times).max()), reference.acceleration(times)
-    room = 1.0 + 1e-6
-    limits = {
-        "max_speed": speed * room,
-        "max_acceleration": float(acceleration.max()) * room,
-        "max_deceleration": max(-float(acceleration.min()) * room, 1e-3),
-    }
-    assert broken(verdict(the_scene(vehicle=limits), trip)) == set()
-    for name, what in (("max_speed", "speed"), ("max_acceleration", "acceleration")):
-        less = {**limits, name: limits[name] / room**2}
-        assert broken(verdict(the_scene(vehicle=less), trip)) == {what}
 
 
 def test_driving_backwards_is_refused() -> None:

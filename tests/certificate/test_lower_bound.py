@@ -273,11 +273,6 @@ def test_a_long_wall_has_to_be_gone_round() -> None:
     assert 0.97 * least <= sp.lower_bound(scenario) <= least
 
 
-def test_where_there_is_no_way_it_ends() -> None:
-    blocked = scene(wall("wall", (10.0, 0.0), (0.0, 0.0), (1.0, 30.0)), bounds=LANE)
-    assert sp.lower_bound(blocked) == math.inf
-
-
 def test_a_known_trip_makes_it_finer_not_higher() -> None:
     scenario = scene(*CROSSERS)
     plan = sp.plan(scenario)

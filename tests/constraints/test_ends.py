@@ -40,11 +40,6 @@ def test_a_trip_ends_anywhere_within_the_radius_of_the_goal(name: str) -> None:
         assert plan.travel_time < point.travel_time - 0.6 * scenario.goal.radius / 3.0
 
 
-def test_the_end_of_the_path_moves_aside_within_the_goal() -> None:
-    plan = sp.plan(GOALS["beside a disc"])
-    assert abs(plan.trip.trajectory.theta[-1]) > 0.1
-
-
 @pytest.mark.parametrize("degree", [0, 1, 2])
 @pytest.mark.parametrize("acceleration", [-1.5, 0.0, 1.2])
 def test_the_acceleration_at_the_start_is_kept(acceleration: float, degree: int) -> None:

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import Point, Polygon, distance, points
+from shapely import Polygon, distance, points
 from shapely.geometry import MultiPoint
 from shapely.ops import unary_union
 
@@ -17,7 +17,7 @@ from scp_planner.arrays import cross
 from scp_planner.mathematics import planar
 from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.ellipse import ellipse_contact, far_ellipse_contact, support
-from scp_planner.mathematics.outlines import Outline, Outlines, two_ellipses_contact
+from scp_planner.mathematics.outlines import Outline, Outlines
 
 pytestmark = pytest.mark.numerics
 
@@ -82,14 +82,6 @@ def test_distances_to_10000_points_agree_with_shapely() -> None:
     np.testing.assert_allclose(separations, expected, atol=1e-12)
 
 
-def test_vertices_edges_and_the_middle_of_a_square() -> None:
-    square = Outlines([Outline.rectangle(2.0, 2.0, 0.0)])
-    place = np.array([[1.0, 1.0], [1.0, 0.2], [2.0, 1.0], [0.0, 0.0], [4.0, 5.0]])
-    contact = square.contacts(np.zeros(5, dtype=int), place)
-    np.testing.assert_allclose(contact.distance, [0.0, 0.0, 1.0, -1.0, 5.0], atol=1e-15)
-    np.testing.assert_allclose(contact.normal[[1, 2, 4]], np.array([[1.0, 0.0], [1.0, 0.0], [0.6, 0.8]]), atol=1e-15)
-
-
 @pytest.mark.parametrize("kind", ["polygon", "ellipse"])
 def test_distances_to_sums_with_an_ellipse_are_the_largest_separation(kind: str) -> None:
     rng = np.random.default_rng(1)
@@ -118,13 +110,6 @@ def test_a_sum_with_a_tiny_ellipse_is_the_polygon() -> None:
     alone = outlines.contacts(index, place).distance
     summed = outlines.contacts(index, place, np.tile([1e-16, 0.0, 1e-16], (2000, 1))).distance
     np.testing.assert_allclose(summed, alone, atol=2e-8)
-
-
-def test_a_circle_and_an_ellipse_add_up() -> None:
-    rng = np.random.default_rng(3)
-    matrices, place = random_matrices(rng, 300), rng.normal(size=(300, 2)) * 2.0
-    both = two_ellipses_contact(place, matrices, np.tile([0.25, 0.0, 0.25], (300, 1)))
-    np.testing.assert_allclose(both.distance, ellipse_contact(place, matrices).distance - 0.5, atol=1e-9)
 
 
 def test_the_far_side_of_an_ellipse_is_the_other_local_maximum() -> None:
@@ -183,25 +168,6 @@ def test_convex_pieces_are_convex_and_make_up_the_polygon(corners: int, seed: in
     before, after = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
     reflex = int(np.sum(before[:, 0] * after[:, 1] < before[:, 1] * after[:, 0]))
     assert len(pieces) <= 2 * reflex + 1
-
-
-def test_named_concave_polygons() -> None:
-    ell = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
-    assert len(convex_pieces(ell)) == 2
-    comb = [(0.0, 0.0)]
-    for k in range(40):
-        comb += [(k + 0.2, -2.0), (k + 1.0, 0.0)]
-    comb += [(40.0, 1.0), (0.0, 1.0)]
-    pieces = convex_pieces(tuple(comb))
-    assert sum(Polygon(piece.vertices).area for piece in pieces) == pytest.approx(Polygon(comb).area)
-    assert len(pieces) <= 80
-    place = np.random.default_rng(0).uniform([-2, -4], [42, 3], (3000, 2))
-    outlines = Outlines(pieces)
-    each = outlines.contacts(
-        np.tile(np.arange(len(pieces)), len(place)), np.repeat(place, len(pieces), axis=0)
-    ).distance.reshape(len(place), -1)
-    expected = np.array([Polygon(comb).distance(Point(p)) for p in place])
-    np.testing.assert_allclose(np.maximum(each.min(axis=1), 0.0), expected, atol=1e-12)
 
 
 # Plane geometry in plain Python against shapely

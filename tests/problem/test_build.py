@@ -13,7 +13,7 @@ from scenes import CROSSERS, disc, scene
 import scp_planner as sp
 from scp_planner.errors import TooLargeError
 from scp_planner.planning import attempts
-from scp_planner.problem.build import acceleration_breakpoints, build_problem
+from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import MOST_BYTES, check_memory, check_obstacles, plan_bytes
 from scp_planner.problem.near_zones import BEYOND, without_far_zones
 from scp_planner.problem.problem import Problem
@@ -55,12 +55,6 @@ def test_breakpoints_are_where_the_fastest_straight_drive_switches(goal_speed: f
     for switch in {rise, rise + cruise if fall else rise}:
         assert np.abs(breaks - switch / (rise + cruise + fall)).min() < 1e-11
     assert breaks[0] == 0.0 and breaks[-1] == 1.0 and np.all(np.diff(breaks) > 0.0)
-
-
-def test_a_switch_moves_the_nearest_breakpoint_and_adds_one_where_none_is_left() -> None:
-    assert acceleration_breakpoints(4, (0.3,)) == (0.0, 0.3, 0.5, 0.75, 1.0)
-    assert acceleration_breakpoints(4, (0.3, 0.26)) == (0.0, 0.26, 0.3, 0.5, 0.75, 1.0)
-    assert acceleration_breakpoints(2, (1.5,)) == (0.0, 0.5, 1.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -128,18 +122,6 @@ def test_accelerations_are_bounded_by_the_vehicle_but_for_the_given_one(given: f
     assert highest[1:] == pytest.approx(1.5, rel=1e-3) and lowest[1:] == pytest.approx(-2.0, rel=1e-3)
     if given is not None:
         assert (highest[0], lowest[0]) == (given, given)
-
-
-def test_sizes_are_those_of_the_splines() -> None:
-    """A path and a drive of so many spans, with both ends and the start's heading given."""
-    problem = of_crossers()
-    spans, degree = len(problem.space.path.widths), problem.settings.path_degree
-    given = degree + spans - (problem.ends.free.stop - problem.ends.free.start)
-    assert given == 3  # offset and slope at the start, offset at the goal
-    accelerations = len(problem.space.acceleration.widths) + problem.settings.acceleration_degree
-    assert problem.step_size == spans + degree - given + accelerations + 1
-    assert problem.jumps.sigma == pytest.approx(problem.space.acceleration.breakpoints[1:-1])
-    assert problem.agility == pytest.approx(1.0)  # 2 m/s^2 where 2 are usual
 
 
 # Zones that no trip can meet are left out, and no other

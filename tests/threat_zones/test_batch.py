@@ -289,15 +289,6 @@ def signed(polygons: list[Polygon], places: Array) -> Array:
     return np.where(inside, -to_border, to_border)
 
 
-def test_distances_are_what_shapely_says() -> None:
-    rng = np.random.default_rng(3)
-    polygons, places = some_polygons(rng, 9), rng.uniform(-6.0, 6.0, (700, 2))
-    ground = ground_of(polygons)
-    expected = signed(polygons, places)[:, ground.zones]
-    np.testing.assert_allclose(ground.distances(places), expected, atol=1e-9)
-    assert 0.01 < (expected < 0.0).mean() < 0.9
-
-
 def test_least_heights_bound_the_distances_of_all_that_moves_so_far() -> None:
     rng = np.random.default_rng(4)
     polygons, places = some_polygons(rng, 6), rng.uniform(-5.0, 5.0, (80, 2))

@@ -26,16 +26,6 @@ def test_points_on_the_axes_of_an_ellipse_have_a_distance() -> None:
     np.testing.assert_allclose(contact.distance, expected, atol=1e-8)
 
 
-def test_a_known_motion_is_a_moving_disc() -> None:
-    zone = sp.zones(scene(disc("o", (1.0, 2.0), (0.5, -1.0), (0.2, 0.4), radius=0.7)))[0]
-    t = np.array([0.0, 1.5, 4.0])
-    center = np.array([1.0, 2.0]) + t[:, None] * [0.5, -1.0] + 0.5 * t[:, None] ** 2 * [0.2, 0.4]
-    np.testing.assert_allclose(zone.center(t), center)
-    points = np.array([[0.0, 0.0], [5.0, 1.0], [2.0, 2.0]])
-    np.testing.assert_allclose(zone.signed_distance(t, points), np.hypot(*(points - center).T) - 0.7)
-    assert zone.signed_distance(0.0, np.array([1.0, 2.0])) == pytest.approx(-0.7)
-
-
 def test_the_extra_margin_of_an_obstacle_counts() -> None:
     near, wide = disc("a", (5.0, 5.0)), {**disc("b", (5.0, 5.0)), "margin": 0.25}
     first, second = sp.zones(scene(near, wide))

@@ -160,40 +160,6 @@ def test_samples_compare_and_hash_by_what_they_are() -> None:
 Array = np.ndarray
 
 
-def random_samples(seed: int, count: int = 9) -> SampledTrajectory:
-    rng = np.random.default_rng(seed)
-    time = 3.0 + np.cumsum(rng.uniform(0.05, 0.8, count))
-    position = np.cumsum(rng.normal(0.3, 0.4, (count, 2)), axis=0)
-    return SampledTrajectory(time, position, rng.uniform(-3.0, 3.0, count), rng.uniform(0.0, 2.0, count))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_accelerations_are_those_that_lead_from_one_sample_to_the_next(seed: int) -> None:
-    """The two accelerations by solving for velocity and displacement after both halves."""
-    samples = random_samples(seed)
-    speed, heading = samples.speed, samples.heading
-    assert speed is not None and heading is not None
-    velocity = speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    motion = SampledMotion.between(samples, velocities(samples))
-    for k, step in enumerate(np.diff(samples.time)):
-        half = 0.5 * step
-        # v1 = v0 + (a1 + a2) half; p1 = p0 + v0 step + a1 (half^2 / 2 + half^2) + a2 half^2 / 2
-        system = np.array([[half, half], [1.5 * half**2, 0.5 * half**2]])
-        moved = samples.position[k + 1] - samples.position[k] - velocity[k] * step
-        wanted = np.linalg.solve(system, np.stack([velocity[k + 1] - velocity[k], moved]))
-        np.testing.assert_allclose(motion.acceleration[2 * k : 2 * k + 2], wanted, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_position_and_velocity_are_continuous(seed: int) -> None:
-    samples = random_samples(seed)
-    motion = SampledMotion.between(samples, velocities(samples))
-    every = np.arange(len(motion.begin))
-    for at in (motion.position_at, motion.velocity_at):
-        np.testing.assert_allclose(at(every[:-1], motion.end[:-1]), at(every[1:], motion.begin[1:]), atol=1e-12)
-    np.testing.assert_array_equal(motion.position_at(every[::2], samples.time[:-1]), samples.position[:-1])
-
-
 def test_a_constant_acceleration_is_met_exactly_even_from_positions_alone() -> None:
     time = np.array([0.0, 0.3, 0.5, 1.1, 1.2])
     acceleration = np.array([0.7, -0.4])

@@ -96,19 +96,6 @@ def test_the_travel_time_is_infinite_when_the_vehicle_never_arrives() -> None:
     assert trips.travel_time(20.0, np.full(trips.acceleration_size, -0.5)) == np.inf
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_the_position_moves_with_the_speed(degree: int) -> None:
-    trip = random_trip(space(degree))
-    sigma = np.random.default_rng(5).uniform(0.02, 0.98, 60)
-    step = 1e-5
-    ahead, behind = (trip.at(trip.space.time_table(sigma + s * step)) for s in (1, -1))
-    velocity = (ahead.path.position - behind.path.position) / (2 * step * trip.travel_time)
-    here = trip.at(trip.space.time_table(sigma))
-    np.testing.assert_allclose(np.hypot(*velocity.T), here.speed, rtol=3e-4)
-    unit = here.path.direction / here.path.speed[:, None]
-    np.testing.assert_allclose(velocity, here.speed[:, None] * unit, atol=1e-3)
-
-
 @pytest.mark.parametrize("path_degree", [3, 5])
 def test_the_curvature_turns_the_heading(path_degree: int) -> None:
     trip = random_trip(space(path_degree=path_degree))
