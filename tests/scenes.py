@@ -70,6 +70,15 @@ def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, Any]:
     }
 
 
+POCKET = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
+"""Corners of a room that is open to the left: concave, of three convex pieces."""
+
+
+def shaped(**obstacles: tuple[dict[str, Any], dict[str, Any]]) -> list[dict[str, Any]]:
+    """Obstacles by their ids, each a shape and a motion."""
+    return [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in obstacles.items()]
+
+
 CROSSERS = (
     disc("slow", (8.5, -3.9), (0.23, 0.86), (0.05, 0.1), 0.55),
     disc("oncoming", (16.0, 0.6), (-1.6, -0.1), (0.0, 0.02), 0.7),

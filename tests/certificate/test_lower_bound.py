@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, disc, scene
+from scenes import CROSSERS, POCKET, disc, scene
 
 import scp_planner as sp
 from benchmarks import families
@@ -424,9 +424,7 @@ SHAPES: dict[str, dict[str, Any]] = {
     "fixed rectangle": {"shape": {"rectangle": [3.0, 1.0], "heading": 0.4}},
     "ellipse": {"shape": {"ellipse": [2.0, 0.5]}},
     "fixed ellipse": {"shape": {"ellipse": [2.0, 0.5], "heading": -0.7}},
-    "pocket": {
-        "shape": {"polygon": [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]}
-    },
+    "pocket": {"shape": {"polygon": POCKET}},
 }
 
 

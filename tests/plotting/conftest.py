@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from figure_parts import Case, case_of
 from matplotlib.figure import Figure
-from scenes import disc, scene
+from scenes import POCKET, disc, scene, shaped
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -33,9 +33,8 @@ def figure(radar: Case) -> Figure:
 
 
 def _pocket() -> sp.Scenario:
-    """A room that is open to the left, of three convex pieces."""
-    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
-    return scene({"id": "pocket", "shape": {"polygon": walls}, "motion": {"position": [9.0, 1.0]}, "margin": 0.2})
+    (pocket,) = shaped(pocket=({"polygon": POCKET}, {"position": [9.0, 1.0]}))
+    return scene({**pocket, "margin": 0.2})
 
 
 @pytest.fixture(scope="session")

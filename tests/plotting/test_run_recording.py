@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import scene
+from scenes import POCKET, scene, shaped
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -66,22 +66,17 @@ def test_each_time_shows_the_zones_of_its_cycle(run: Run, recording: Recording) 
 
 def test_zones_keep_their_shapes(tmp_path: Path) -> None:
     """In the record, in its file, and in pictures; also what is concave, or turns."""
-    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
-    shapes = {
-        "pocket": ({"polygon": walls}, {"position": [6.0, 3.5]}),
-        "car": ({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
-        "pond": ({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
-    }
-    obstacles = [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in shapes.items()]
+    obstacles = shaped(
+        pocket=({"polygon": POCKET}, {"position": [6.0, 3.5]}),
+        car=({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
+        pond=({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
+    )
     run = simulate(scene(*obstacles, goal={"position": [6.0, 0.0]}), noise=0.01, rate=4.0)
     run.save(tmp_path / "run.json")
     assert Run.load(tmp_path / "run.json") == run
     # What turns with an estimated motion is widened by what its heading may be off.
-    assert {record.id: min(len(record.outlines), 2) for record in run.records[-1].zones} == {
-        "pocket": 2,
-        "car": 1,
-        "pond": 1,
-    }
+    pieces = {record.id: min(len(record.outlines), 2) for record in run.records[-1].zones}
+    assert pieces == {"pocket": 2, "car": 1, "pond": 1}
     recording = record_run(run, frames_per_second=2.0)
     last = len(recording.time) - 1
     for obstacle in recording.obstacles:

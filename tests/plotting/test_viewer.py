@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from browser import BROWSER_VARIABLE, Browser, find_browser
 from figure_parts import tall_scenario
-from scenes import scene
+from scenes import POCKET, scene, shaped
 
 import scp_planner as sp
 from scp_planner.plotting.recording import record_plan
@@ -30,9 +30,11 @@ def page(plan: sp.Plan, scenario: sp.Scenario, tmp_path_factory: pytest.TempPath
 
 def data_of(page: Path) -> dict[str, Any]:
     """Data that the page's script will read."""
-    found = re.search(
-        r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL
-    )
+    return data_in(page.read_text(encoding="utf-8"))
+
+
+def data_in(text: str) -> Any:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
     assert found
     return json.loads(found[1])
 
@@ -73,10 +75,7 @@ def test_ground_and_units_stand_in_the_file(plan: sp.Plan) -> None:
         walls=[wall], speed_limits=limits, guide=[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], goal=goal, lanes=[wall]
     )
     recording = record_plan(plan, yard, 10)
-    text = to_html(recording)
-    found = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
-    assert found
-    data = json.loads(found[1])
+    data = data_in(to_html(recording))
     origin = np.array(data["origin"])
     assert np.allclose(np.array(data["walls"][0]) + origin, wall, atol=1e-3)
     assert np.allclose(np.array(data["lanes"][0]) + origin, wall, atol=1e-3)
@@ -99,8 +98,7 @@ def test_hostile_names_stay_text(plan: sp.Plan, scenario: sp.Scenario) -> None:
     assert text.count("</script>") == 2  # the data's and the script's own
     assert text.count("<script") == 2
     assert "<!--" not in text.replace("<!-- Nothing is ever fetched. -->", "")
-    data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
-    assert data and json.loads(data[1])["obstacles"][0]["id"] == evil
+    assert data_in(text)["obstacles"][0]["id"] == evil
 
 
 # In a real browser
@@ -200,14 +198,12 @@ def test_play_and_pause(opened: Browser) -> None:
 @pytest.fixture(scope="module")
 def run() -> sp.Run:
     """A closed loop past shapes of several kinds, one of them of several convex pieces."""
-    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
-    shapes = {
-        "pocket": ({"polygon": walls}, {"position": [6.0, 2.5]}),
-        "car": ({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
-        "pond": ({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
-        "walker": ({"disc": 0.4}, {"position": [9.0, -3.0], "velocity": [0.0, 0.8]}),
-    }
-    obstacles = [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in shapes.items()]
+    obstacles = shaped(
+        pocket=({"polygon": POCKET}, {"position": [6.0, 2.5]}),
+        car=({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
+        pond=({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
+        walker=({"disc": 0.4}, {"position": [9.0, -3.0], "velocity": [0.0, 0.8]}),
+    )
     return sp.simulate(scene(*obstacles, goal={"position": [12.0, 0.0]}), noise=0.02, rate=5.0)
 
 
