@@ -57,22 +57,6 @@ def test_solve_bears_bad_scaling(solver: QpSolver, seed: int) -> None:
     assert np.abs(solution.x - x) == pytest.approx(np.zeros(len(x)), abs=1e-6 * max(1.0, float(np.abs(x).max())))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_solve_with_equalities_only(solver: QpSolver, seed: int) -> None:
-    program, _ = known_program(seed, size=9, rows=4, equalities=4)
-    program = replace(program, lower=np.full(9, -1e3), upper=np.full(9, 1e3))
-    # Minimiser on a plane by elimination, x = particular + kernel w
-    _, _, rotation = np.linalg.svd(program.matrix)
-    kernel = rotation[4:].T
-    particular = np.linalg.lstsq(program.matrix, program.bound, rcond=None)[0]
-    w = np.linalg.solve(
-        kernel.T @ program.hessian @ kernel, -kernel.T @ (program.gradient + program.hessian @ particular)
-    )
-    solution = solver.solve(program)
-    assert solution.status is SolverStatus.OPTIMAL
-    assert solution.x == pytest.approx(particular + kernel @ w, abs=1e-6)
-
-
 BY_HAND = {
     "without rows": (box(3), [1, 1, 1], [1, 1, 1]),
     "without bounds": (with_rows(box(3, np.inf), [[1, 1, 1], [1, 0, 0]], [3.0, np.inf]), [1, 1, 1], [0, 0, 0, 1, 0]),
