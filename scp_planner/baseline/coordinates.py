@@ -15,7 +15,7 @@ class Coordinates:
 
     def __init__(self, problem: Problem, start: Trajectory) -> None:
         self.problem = problem
-        self.path_size = problem.ends.free.stop - problem.ends.free.start
+        self.path_size = problem.free_size
         self.scaling = path_scaling(problem)
         self.base = start.theta[problem.ends.free]
         free = np.full(self.path_size, np.inf)
@@ -38,8 +38,7 @@ class Coordinates:
     def trajectory(self, y: Array) -> Trajectory:
         """Return the trip."""
         omega = self.omega(y)
-        theta = self.problem.ends.theta.copy()
-        theta[self.problem.ends.free] = omega[: self.path_size]
+        theta = self.problem.ends.around(omega[: self.path_size])
         return Trajectory.of(self.problem.space, theta, omega[self.path_size :])
 
     def with_goal_speed(self, y: Array) -> Array:

@@ -47,8 +47,7 @@ class PenalisedObjective:
 
     def trajectory(self, omega: Array) -> Trajectory:
         """Return the trip with given variables; its travel time is infinite outside D0(v0)."""
-        theta = self.problem.ends.theta.copy()
-        theta[self.problem.ends.free] = omega[: self.path_size]
+        theta = self.problem.ends.around(omega[: self.path_size])
         return Trajectory.of(self.problem.space, theta, omega[self.path_size :])
 
     def value(self, omega: Array) -> float:

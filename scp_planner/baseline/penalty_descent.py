@@ -164,9 +164,7 @@ def _as_start(problem: Problem, start: Plan | Trajectory, units: NaturalUnits) -
         )
     if not np.isfinite(trajectory.travel_time):
         raise ValueError("start: it never arrives")
-    theta = problem.ends.theta.copy()
-    theta[problem.ends.free] = trajectory.theta[problem.ends.free]
-    return Trajectory.of(mine, theta, trajectory.beta)
+    return Trajectory.of(mine, problem.ends.around(trajectory.theta[problem.ends.free]), trajectory.beta)
 
 
 def _verdict(

@@ -30,6 +30,12 @@ class EndConditions:
     upper: Array  # (K1,)
     start_acceleration: float | None = None  # what the first control point of the acceleration is to be, m/s^2
 
+    def around(self, offsets: Array) -> Array:
+        """Return all control points of a path (K1,), m, of its free ones."""
+        theta = self.theta.copy()
+        theta[self.free] = offsets
+        return theta
+
 
 def end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
     """Return what holds at the ends of a scenario's trips, whose offsets are at most so many m."""

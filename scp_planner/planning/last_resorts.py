@@ -62,9 +62,7 @@ class StricterLimits(Attempt[TripSearch, ScpRun]):
             found = self._planned(replace(task, scenario=scenario), best)
             if found is not None:
                 logger.info("%s: certified at %g of %s", self.what, share, ", ".join(fields))
-                space = found.trajectory.space
-                breakpoints = tuple(space.acceleration.breakpoints.tolist())
-                runs = CheckedRuns(task, space.guide, breakpoints, len(space.path.widths))
+                runs = CheckedRuns.over(task, found.trajectory.space)
                 yield runs.judged(found.run)
                 yield runs.attempt(found.trajectory, search.cutoff)
                 return

@@ -276,8 +276,5 @@ def _turned(best: ScpRun, task: Task) -> tuple[CheckedRuns, Array]:
     scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
     guide, breakpoints = trip.space.guide.in_units(scale), tuple(trip.space.acceleration.breakpoints.tolist())
     runs = CheckedRuns(task, guide, breakpoints, len(trip.space.path.widths))
-    theta: Array = scale * trip.theta
-    ends, free = runs.problem.ends, runs.problem.ends.free
-    theta[: free.start], theta[free.stop :] = ends.theta[: free.start], ends.theta[free.stop :]
-    theta[free] = np.clip(theta[free], ends.lower[free], ends.upper[free])
-    return runs, theta
+    ends = runs.problem.ends
+    return runs, ends.around(np.clip(scale * trip.theta, ends.lower, ends.upper)[ends.free])

@@ -22,7 +22,6 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
-from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
 
 logger = logging.getLogger(__name__)
@@ -88,7 +87,7 @@ def with_short_spans(runs: CheckedRuns, *, bends: bool) -> CheckedRuns:
         needed = min(ceil(space.length * problem.limits.curvature / REFINEMENT.tight), REFINEMENT.spans_to_bend)
         if needed > REFINEMENT.far_more * spans:
             wanted = max(wanted, min(needed, task.settings.max_path_spans))
-    return runs if wanted <= spans else CheckedRuns(task, space.guide, _breakpoints_of(space), wanted)
+    return runs if wanted <= spans else CheckedRuns.over(task, space, spans=wanted)
 
 
 def refinements(task: Task) -> list[Refinement]:
@@ -107,14 +106,11 @@ def refinements(task: Task) -> list[Refinement]:
 
 def from_trip(task: Task, trip: Trajectory) -> TripSearch:
     """Return a search over the guide of a trip, warm-started by it."""
-    space = trip.space
-    runs = CheckedRuns(task, space.guide, _breakpoints_of(space), len(space.path.widths))
-    theta, ends = trip.theta.copy(), runs.problem.ends
-    theta[: ends.free.start], theta[ends.free.stop :] = ends.theta[: ends.free.start], ends.theta[ends.free.stop :]
+    runs = CheckedRuns.over(task, trip.space)
+    theta = runs.problem.ends.around(trip.theta[runs.problem.ends.free])
+    begin = Trajectory.of(runs.problem.space, theta, trip.beta, trip.travel_time)
     search = TripSearch(runs)
-    search.best = runs.attempt(
-        Trajectory.of(runs.problem.space, theta, trip.beta, trip.travel_time), loop=runs.patient_loop
-    )
+    search.best = runs.attempt(begin, loop=runs.patient_loop)
     return search
 
 
@@ -175,7 +171,7 @@ class FinerPath(Refinement):
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
         settings = replace(for_scene(task.settings), path_span=max(space.length / spans, REFINEMENT.shortest))
-        runs = CheckedRuns(replace(task, settings=settings), space.guide, _breakpoints_of(space), spans)
+        runs = CheckedRuns.over(replace(task, settings=settings), space, spans=spans)
         start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
         return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)
 
@@ -222,8 +218,7 @@ def over_finer_path(problem: Problem, trip: Trajectory) -> Trajectory:
     basis, ends = problem.space.path, problem.ends
     sites = greville_sites(tuple(basis.breakpoints.tolist()), basis.coefficients.shape[1] - 1)
     theta: Array = np.linalg.solve(basis.rows(sites), trip.space.path.rows(sites) @ trip.theta).astype(float)
-    theta[: ends.free.start], theta[ends.free.stop :] = ends.theta[: ends.free.start], ends.theta[ends.free.stop :]
-    return Trajectory.of(problem.space, theta, trip.beta, trip.travel_time)
+    return Trajectory.of(problem.space, ends.around(theta[ends.free]), trip.beta, trip.travel_time)
 
 
 def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
@@ -234,7 +229,7 @@ def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
     if np.array_equal(basis.breakpoints, trip.space.acceleration.breakpoints):
         beta = trip.beta
     elif degree > 0:
-        beta = trip.drive_at(greville_sites(_breakpoints_of(space), degree)).acceleration
+        beta = trip.drive_at(greville_sites(tuple(basis.breakpoints.tolist()), degree)).acceleration
     else:
         beta = np.diff(trip.speed_at(basis.breakpoints)) / (np.diff(basis.breakpoints) * trip.travel_time)
     # The same mean accelerations may end before the trip does.
@@ -288,8 +283,7 @@ class ArrivalOnStep(Attempt[TripSearch, ScpRun]):
             # Planned for without a margin: the step may be missed to both sides.
             timed = changed(self.scenario, goal=changed(goal, earliest_arrival=arrival, latest_arrival=arrival))
             task = replace(self.task, scenario=timed, arrival_step=None)
-            breakpoints = _in_step(trip, steps, task.settings)
-            runs = CheckedRuns(task, trip.space.guide, breakpoints, len(trip.space.path.widths))
+            runs = CheckedRuns.over(task, trip.space, _in_step(trip, steps, task.settings))
             yield runs.attempt(over_other_breakpoints(runs.problem, trip), loop=runs.patient_loop)
 
 
@@ -301,15 +295,10 @@ def commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
     return bool(np.abs(np.diff(drive.distance) - joined).max(initial=0.0) <= REFINEMENT.straying * radius)
 
 
-def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[float, ...]:
-    """Breakpoints of the acceleration on steps of time, if these are not too many; else those of a trip."""
+def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[float, ...] | None:
+    """Breakpoints of the acceleration on steps of time, if these are not too many; else None."""
     basis = trajectory.space.acceleration
     constant = basis.coefficients.shape[1] == 1
     if constant and REFINEMENT.fewest_steps <= steps <= REFINEMENT.most_steps * settings.acceleration_spans:
         return tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
-    return _breakpoints_of(trajectory.space)
-
-
-def _breakpoints_of(space: TripSpace) -> tuple[float, ...]:
-    """Breakpoints of the acceleration, in normalised time."""
-    return tuple(space.acceleration.breakpoints.tolist())
+    return None

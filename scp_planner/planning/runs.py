@@ -34,6 +34,7 @@ from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.path import Path
+from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
@@ -161,6 +162,14 @@ class CheckedRuns:
         with task.tally.timed("build"):
             guide = guide_along(path, task.settings)
         return cls(task, guide, tuple(path.space.acceleration.breakpoints.tolist()))
+
+    @classmethod
+    def over(
+        cls, task: Task, space: TripSpace, breakpoints: tuple[float, ...] | None = None, spans: int | None = None
+    ) -> CheckedRuns:
+        """Return runs over the guide and the splines of a trip, but for other breakpoints or spans that are given."""
+        own = breakpoints or tuple(space.acceleration.breakpoints.tolist())
+        return cls(task, space.guide, own, spans or len(space.path.widths))
 
     def trip(self, trajectory: Trajectory) -> Trip:
         """Return the trip of a trajectory, in the frame of the problem."""

@@ -144,8 +144,7 @@ def arcs(problem: Problem) -> Iterator[Trajectory]:
     shape = np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size))
     for speeding in (0.6, 0.0):
         for height in (0.0, 1.5, -1.5, 3.0, -3.0):
-            theta = ends.theta.copy()
-            theta[ends.free] = np.clip(height * shape, ends.lower, ends.upper)[ends.free]
+            theta = ends.around(np.clip(height * shape, ends.lower, ends.upper)[ends.free])
             beta = np.zeros(space.acceleration_size)
             beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
             if space.start_speed == 0.0:
