@@ -1,4 +1,4 @@
-"""The kinds of arrays that signatures speak of, whose docstrings give shape and unit; and one product of vectors."""
+"""The kinds of arrays that signatures speak of, whose docstrings give shape and unit; and two products."""
 
 from __future__ import annotations
 
@@ -14,3 +14,10 @@ def cross(one: Array, two: Array) -> Array:
     """Return the cross products of vectors (..., 2) in the plane, (...)."""
     product: Array = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     return product
+
+
+def kronecker(one: Array, two: Array) -> Array:
+    """Return the Kronecker products of matrices (..., a, b) and (..., c, d), (..., a c, b d)."""
+    product: Array = one[..., :, None, :, None] * two[..., None, :, None, :]
+    a, c, b, d = product.shape[-4:]
+    return product.reshape(*product.shape[:-4], a * c, b * d)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from scp_planner.online.tolerances import RELATIVE
 
@@ -21,42 +21,37 @@ class ClockParameters:
 CLOCKS = ClockParameters()
 
 
-class Stamped(Protocol):
+@dataclass(frozen=True)
+class Stamped:
     """A measurement or a tracker's state of an obstacle."""
 
-    @property
-    def obstacle(self) -> str:
-        """Id of the obstacle."""
-        ...
+    obstacle: str  # Its id
+    time: float  # Its stamp, s
 
-    @property
-    def time(self) -> float:
-        """Its stamp, s."""
-        ...
-
-
-AnyStamped = TypeVar("AnyStamped", bound=Stamped)
+    def at(self, time: float) -> Self:
+        """A copy with another stamp, s."""
+        return replace(self, time=time)
 
 
 @dataclass
-class Lead(Generic[AnyStamped]):
+class Lead:
     """Stamps of one obstacle that are too late."""
 
-    held: list[AnyStamped] = field(default_factory=list)
+    held: list[Stamped] = field(default_factory=list)
     ahead: deque[float] = field(default_factory=lambda: deque(maxlen=CLOCKS.alike))  # s
     reported: bool = False
     dropped: bool = False
     calm: int = 0  # Stamps in time since the last one that was too late
 
 
-class Stamps(Generic[AnyStamped]):
+class Stamps:
     """Measurements held back, and leads of their stamps."""
 
     def __init__(self, start: float, period: float) -> None:
         self.now = start
         self._period = period
         self._interval: float | None = None  # between the last two replans; None before the first one
-        self._leads: dict[str, Lead[AnyStamped]] = {}
+        self._leads: dict[str, Lead] = {}
 
     @property
     def begun(self) -> bool:
@@ -73,7 +68,7 @@ class Stamps(Generic[AnyStamped]):
         ahead = self._period if replanning else max(self._period, self._interval or 0.0)
         return self.now + ahead * (1.0 + RELATIVE)
 
-    def due(self) -> Iterator[AnyStamped]:
+    def due(self) -> Iterator[Stamped]:
         """Take out of what is held back all whose time has come, in order of time."""
         found = []
         for lead in self._leads.values():
@@ -82,7 +77,7 @@ class Stamps(Generic[AnyStamped]):
                 lead.held = [one for one in lead.held if one.time > self.now]
         yield from sorted(found, key=lambda one: one.time)
 
-    def in_time(self, one: AnyStamped) -> bool:
+    def in_time(self, one: Stamped) -> bool:
         """Note a stamp in time, and drop what is held back of its obstacle; tell if that is the first to be dropped."""
         lead = self._leads.get(one.obstacle)
         if lead is None:
@@ -93,7 +88,7 @@ class Stamps(Generic[AnyStamped]):
             del self._leads[one.obstacle]
         return first
 
-    def hold(self, one: AnyStamped) -> bool:
+    def hold(self, one: Stamped) -> bool:
         """Hold a measurement back; tell if it is the first one of its obstacle for long."""
         first = one.obstacle not in self._leads
         lead = self._leads.setdefault(one.obstacle, Lead())

@@ -11,7 +11,7 @@ from typing import Any
 
 from scp_planner.arrays import Array
 from scp_planner.online import sensor_frames
-from scp_planner.online.clocks import Stamps
+from scp_planner.online.clocks import Stamped, Stamps
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.estimates import Estimate
@@ -24,32 +24,27 @@ from scp_planner.threat_zones.of_scenario import HORIZON
 
 
 @dataclass(frozen=True)
-class Update:
-    obstacle: str  # Its id
+class Measurement(Stamped):
+    """An observation of an obstacle, in the units of the scene."""
+
+    position: tuple[float, float]  # m
+    covariance: Array | None  # (2, 2) m2
+
+
+@dataclass(frozen=True)
+class Update(Stamped):
+    """State of an obstacle that a tracker reports."""
+
     given: Estimate
 
-    @property
-    def time(self) -> float:
-        return self.given.time
-
     def at(self, time: float) -> Update:
-        """As if it were of another time, s."""
-        return replace(self, given=changed(self.given, time=time))
-
-    def taken_in(self, obstacles: ObstacleTracks) -> str | None:
-        """Let the obstacles take it in; say what is wrong with it, if it was not used."""
-        return obstacles.update(self.obstacle, self.given) if self.obstacle in obstacles.tracks else None
+        return replace(self, time=time, given=changed(self.given, time=time))
 
 
 @dataclass(frozen=True)
 class Forecast:
     obstacle: str  # Its id
     motion: GivenMotion
-
-    def taken_in(self, obstacles: ObstacleTracks) -> None:
-        """Let the obstacles take it in."""
-        if self.obstacle in obstacles.tracks:
-            obstacles.foretell(self.obstacle, self.motion)
 
 
 @dataclass(frozen=True)
@@ -60,20 +55,6 @@ class InboxParameters:
 
 
 INBOX = InboxParameters()
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """An observation of an obstacle, in the units of the scene."""
-
-    obstacle: str  # Its id
-    time: float  # s
-    position: tuple[float, float]  # m
-    covariance: Array | None  # (2, 2) m2
-
-    def at(self, time: float) -> Measurement:
-        """As if seen at another time, s."""
-        return replace(self, time=time)
 
 
 @dataclass(frozen=True)
@@ -94,9 +75,9 @@ class Inbox:
         self.obstacles, self.notes = obstacles, deque[str](maxlen=INBOX.most_notes)
         self.work = Lock()
         self.gone: dict[str, Gone] = {}
-        self.stamps: Stamps[Measurement | Update] = Stamps(start, online.period)
+        self.stamps = Stamps(start, online.period)
         self._units, self._forget_after = units, online.forget_after
-        self._queue: deque[Measurement | Update | Forecast] = deque()
+        self._queue: deque[Stamped | Forecast] = deque()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the lock: a copy has its own."""
@@ -110,7 +91,7 @@ class Inbox:
         """True if there is anything in it."""
         return bool(self._queue)
 
-    def put(self, one: Measurement | Update | Forecast) -> None:
+    def put(self, one: Stamped | Forecast) -> None:
         """Take an observation, or what a tracker or a predictor says."""
         self._queue.append(one)
         if len(self._queue) >= len(self.obstacles.tracks):
@@ -137,13 +118,13 @@ class Inbox:
             if isinstance(one, Measurement):
                 frame[one.obstacle] = one
             elif isinstance(one, Forecast):
-                self._returned(one.obstacle, math.inf)
-                one.taken_in(self.obstacles)
-            elif self._returned(one.obstacle, one.time):
-                self._note(one, one.taken_in(self.obstacles))
+                if self._returned(one.obstacle, math.inf):
+                    self.obstacles.foretell(one.obstacle, one.motion)
+            elif isinstance(one, Update) and self._returned(one.obstacle, one.time):
+                self._note(one, self.obstacles.update(one.obstacle, one.given))
         self._take_in_frame(frame)
 
-    def _in_time(self, replanning: bool) -> Iterator[Measurement | Update | Forecast]:
+    def _in_time(self, replanning: bool) -> Iterator[Stamped | Forecast]:
         """Give what was held back and is due, then what has come since."""
         latest = self.stamps.latest(replanning)
         yield from self.stamps.due()
@@ -164,7 +145,7 @@ class Inbox:
                 elif self._is_news(one):
                     yield one.at(self.stamps.now - HORIZON)
 
-    def _is_news(self, one: Measurement | Update) -> bool:
+    def _is_news(self, one: Stamped) -> bool:
         """True if anything older than zones reach is worth knowing, since nothing newer is: then it is all there is."""
         track = self.obstacles.tracks.get(one.obstacle)
         if track is not None and (track.fixed is not None or track.newest > self.stamps.now - HORIZON):
@@ -181,7 +162,7 @@ class Inbox:
             margin = track.margin - self.obstacles.margin
             self.obstacles.add_unseen(name, track.shape, track.model, margin, track.covariance)
 
-    def _hold(self, one: Measurement | Update) -> None:
+    def _hold(self, one: Stamped) -> None:
         if self.stamps.hold(one):
             ahead = (one.time - self.stamps.now) * self._units.time
             self._note(one, f"it is {ahead:.3g} s ahead of the clock of the replans, and held back until then")
@@ -228,7 +209,7 @@ class Inbox:
         for one, fault in zip(some, said, strict=True):
             self._note(one, fault)
 
-    def _note(self, one: Measurement | Update, fault: str | None) -> None:
+    def _note(self, one: Stamped, fault: str | None) -> None:
         if fault is not None:
             self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 

@@ -9,15 +9,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.many_zones import Future, Level, Sizing, length_rule, made_zones
-from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.track import TRACKS, ObstacleTrack
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.change_hypotheses import ChangeHypotheses, least_variances
-from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
+from scp_planner.tracking.change_hypotheses import ChangeHypotheses
+from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS, least_variances
 from scp_planner.tracking.recursive import SquareRoots
 
 
@@ -205,33 +204,23 @@ def _summed(terms: Array) -> Array:
     return total
 
 
+@dataclass(frozen=True)
 class InitialisedTracks:
-    def __init__(
-        self,
-        tracks: Sequence[ObstacleTrack],
-        motions: PolynomialMotions,
-        change_hypotheses: ChangeHypotheses | None,
-        banked: bool,
-        sizes: RegionSizes | None,
-    ) -> None:
-        self.tracks, self._motions, self._banked = tracks, motions, banked
-        self._sizing: Sizing | None = None
-        suspected = (
-            np.zeros(len(tracks), dtype=bool) if change_hypotheses is None else change_hypotheses.probability > 0.0
-        )
-        otherwise = suspected.copy()
-        if sizes is not None:
-            believed = BELIEVED if banked else ALONE
-            self._sizing = sizes.of(tracks, np.where(suspected, NOTICED, believed))
-            otherwise[self._sizing.others] = True
-        self._marks: list[tuple[bool, bool]] = list(zip(suspected.tolist(), otherwise.tolist(), strict=True))
+    tracks: Sequence[ObstacleTrack]
+    motions: PolynomialMotions
+    suspected: Mask  # (K,) True where a change of acceleration is likely, but not sure
+    banked: bool
+    sizing: Sizing | None
 
     def zones(self, start: float, level: Level) -> list[ThreatZone]:
         """Their zones from a time on, s, in order."""
-        zones = self._motions.zones(self.tracks, start, level, self._sizing)
-        for track, zone, (suspect, other) in zip(self.tracks, zones, self._marks, strict=True):
-            track.suspected, track.zone = suspect, zone if other or track.bounded else None
-            track.predictions.clear() if self._banked else track.keep_prediction()
+        zones, otherwise = self.motions.zones(self.tracks, start, level, self.sizing), self.suspected.copy()
+        if self.sizing is not None:
+            otherwise[self.sizing.others] = True
+        for k, (track, zone) in enumerate(zip(self.tracks, zones, strict=True)):
+            track.suspected = bool(self.suspected[k])
+            track.zone = zone if otherwise[k] or track.bounded else None
+            track.predictions.clear() if self.banked else track.keep_prediction()
         return zones
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, kronecker
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.many_zones import Future, Level, lengths_of_polynomials, made_zones
 from scp_planner.online.track import ObstacleTrack
@@ -32,7 +32,7 @@ class Primed:
         """Estimate motions of order 1 or 2."""
         count, p = roots.factor.shape[:2]
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
-        seen = (roots.factor[:, :, None, :, None] * whiten[:, None, :, None, :]).reshape(count, 2 * p, 2 * p)
+        seen = kronecker(roots.factor, whiten)
         target = (roots.right @ whiten.transpose(0, 2, 1)).reshape(count, 2 * p)
         added, means = _at_last(prior, roots.last - roots.center, p)
         design = np.concatenate([seen, added], axis=1)

@@ -25,7 +25,7 @@ from scp_planner.online.initialised_tracks import (
 )
 from scp_planner.online.many_zones import Level
 from scp_planner.online.newcomer_zones import newcomers_together
-from scp_planner.online.regions import NOTICED, RegionSizes
+from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.track import (
     TRACKS,
     GivenZones,
@@ -324,9 +324,12 @@ class ObstacleTracks:
 
     def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> InitialisedTracks:
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
-        change_hypotheses = self._change_hypotheses(tracks, level) if banked else None
-        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, change_hypotheses)
-        return InitialisedTracks(tracks, motions, change_hypotheses, banked, self.sizes)
+        changes = self._change_hypotheses(tracks, level) if banked else None
+        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, changes)
+        suspected = np.zeros(len(tracks), dtype=bool) if changes is None else changes.probability > 0.0
+        kinds = np.where(suspected, NOTICED, BELIEVED if banked else ALONE)
+        sizing = None if self.sizes is None else self.sizes.of(tracks, kinds)
+        return InitialisedTracks(tracks, motions, suspected, banked, sizing)
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         estimators = [track.estimator for track in tracks]

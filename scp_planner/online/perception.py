@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from scp_planner.arrays import Array
 from scp_planner.online.arguments import (
     OutOfRangeError,
     _point,
@@ -75,9 +76,7 @@ class Perception:
         try:
             place = _point("position", position)
             check_number("time", time)
-            noise = (
-                None if covariance is None else checked_covariance(covariance, units) / (units.length * units.length)
-            )
+            noise = self._noise(covariance)
         except OutOfRangeError as odd:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
@@ -120,7 +119,8 @@ class Perception:
         except OutOfRangeError as odd:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
-        self._inbox.put(Update(obstacle, self._units.estimate(given)))
+        inside = self._units.estimate(given)
+        self._inbox.put(Update(obstacle, inside.time, inside))
         for each in self.listeners:
             each.observed(obstacle, time, given.position, covariance)
 
@@ -146,6 +146,12 @@ class Perception:
         self._check_known("update_motion", obstacle)
         made = self._inbox.timed(obstacle, checked_motion(obstacle, motion))
         self._inbox.put(Forecast(obstacle, self._units.motion(made)))
+
+    def _noise(self, covariance: ArrayLike | None) -> Array | None:
+        """A covariance (2, 2) in m2, checked, in the units of the scene."""
+        if covariance is None:
+            return None
+        return checked_covariance(covariance, self._units) / (self._units.length * self._units.length)
 
     def _check_known(self, call: str, obstacle: str) -> None:
         if not self._inbox.knows(obstacle):
@@ -194,12 +200,7 @@ class Perception:
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
         checked = self._units.obstacle(Obstacle(**parts))
         self._check_new(obstacle)
-        noise = (
-            None
-            if covariance is None
-            else checked_covariance(covariance, self._units) / (self._units.length * self._units.length)
-        )
-        self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
+        self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, self._noise(covariance))
         for each in self.listeners:
             each.added(obstacle, self._units.inverse.obstacle(checked).shape)
 

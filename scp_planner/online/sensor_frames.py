@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -15,19 +14,14 @@ from scp_planner.tracking.noticing import Bank
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
     """Take in one observation each of different obstacles."""
-    tracks = list(map(obstacles.tracks.__getitem__, names))
+    tracks = [obstacles.tracks[name] for name in names]
     banks = [_bank_of(track, one) for track, one in zip(tracks, seen, strict=True)]
-    alone: list[int] = []
-    kinds = dict.fromkeys(banks)
-    for bank in kinds:
-        if bank is not None and len(kinds) == 1:
-            alone = _left_by(obstacles, bank, tracks, seen)
-            continue
-        numbers = [number for number, one in enumerate(banks) if one is bank]
+    alone = [number for number, bank in enumerate(banks) if bank is None]
+    for bank in dict.fromkeys(banks):
         if bank is not None:
-            some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
-            numbers = [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
-        alone += numbers
+            some = [number for number, one in enumerate(banks) if one is bank]
+            left = _left_by(obstacles, bank, [tracks[number] for number in some], [seen[number] for number in some])
+            alone += [some[k] for k in left]
     said: list[str | None] = [None] * len(names)
     for number in sorted(alone):
         one = seen[number]
@@ -47,7 +41,7 @@ def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTra
     """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
     slots = slots_of(tracks)
     times = np.array([one.time for one in seen])
-    positions = np.fromiter(chain.from_iterable([one.position for one in seen]), float, 2 * len(seen)).reshape(-1, 2)
+    positions = np.array([one.position for one in seen])
     gate = obstacles.settings.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])
     if gate > 0.0:

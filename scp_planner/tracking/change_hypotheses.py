@@ -10,6 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.tracking.mixtures import Mixture
+from scp_planner.tracking.motion_estimate import least_variances
 from scp_planner.tracking.recursive import SquareRoots
 
 
@@ -150,9 +151,3 @@ def changed_motions(roots: SquareRoots, surely: ChangeHypotheses, noise: Array, 
     mean[:, 0] += roots.origin
     covariance = np.einsum("kij,kab->kiajb", here @ spread @ here.transpose(0, 2, 1), noise)
     return Mixture(mean, covariance, np.zeros((count, 2)), noise)
-
-
-def least_variances(sigma: Array) -> Array:
-    """Smaller eigenvalues of covariances (K, 2, 2)."""
-    mean, half = 0.5 * (sigma[:, 0, 0] + sigma[:, 1, 1]), 0.5 * (sigma[:, 0, 0] - sigma[:, 1, 1])
-    return np.asarray(mean - np.hypot(half, sigma[:, 0, 1]))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scp_planner.arrays import kronecker
 from scp_planner.errors import EstimationError
 from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.tracking.confidence import NormalErrors
@@ -92,13 +93,13 @@ def tracked_motion(given: Estimate, model: Model) -> MotionEstimate:
         ).with_manoeuvre(model.manoeuvre)
     dynamics = dynamics_of(model.process)
     start = dynamics.from_kinematics(len(mean), model.process.velocity_deviation**2)
-    both = np.kron(start.matrix, np.eye(2))
+    both = kronecker(start.matrix, np.eye(2))
     return ProcessEstimate(
         reference_time=given.time,
         observations=1,
         noise_covariance=noise,
         dynamics=dynamics,
         mean=start.matrix @ mean,
-        state_covariance=both @ covariance @ both.T + np.kron(np.diag(start.variance), np.eye(2)),
+        state_covariance=both @ covariance @ both.T + kronecker(np.diag(start.variance), np.eye(2)),
         tails=model.process.tails,
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, kronecker
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import Dynamics, dynamics_of
@@ -47,7 +47,7 @@ def first_state(
     mean = np.zeros((count, d, 2))
     mean[:, 0] = positions
     covariance = np.zeros((count, 2 * d, 2 * d))
-    covariance[:] = np.kron(dynamics.prior(velocity_variance), np.eye(2))
+    covariance[:] = kronecker(dynamics.prior(velocity_variance), np.eye(2))
     covariance[:, :2, :2] = noise
     return FilterState(np.array(times, dtype=float), mean, covariance)
 
@@ -75,16 +75,10 @@ def predict_state(dynamics: Dynamics, state: FilterState, times: Array) -> None:
     """Move the state of each obstacle on to a later time: (N,) s."""
     lag = times - state.times
     f, q = dynamics.transition(lag), dynamics.noise(lag)
-    both = _of_both_axes(f)
+    both = kronecker(f, np.eye(2))
     state.mean = f @ state.mean
-    state.covariance = both @ state.covariance @ np.swapaxes(both, 1, 2) + _of_both_axes(q)
+    state.covariance = both @ state.covariance @ np.swapaxes(both, 1, 2) + kronecker(q, np.eye(2))
     state.times = np.array(times, dtype=float)
-
-
-def _of_both_axes(matrices: Array) -> Array:
-    """Kronecker products of matrices (N, d, d) and the identity of the plane: (N, 2 d, 2 d)."""
-    n, d, _ = matrices.shape
-    return (matrices[:, :, None, :, None] * np.eye(2)[:, None]).reshape(n, 2 * d, 2 * d)
 
 
 @dataclass(frozen=True)

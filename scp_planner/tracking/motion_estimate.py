@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
+from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors
 from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
@@ -232,9 +233,13 @@ def _sums_of_powers(count: int) -> Array:
 
 def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
     """Covariance (2, 2), m^2/s^4, of a change of acceleration: in proportion to the noise (2, 2), m^2."""
-    mean, half = 0.5 * (noise[0, 0] + noise[1, 1]), 0.5 * (noise[0, 0] - noise[1, 1])
-    least = float(mean - math.hypot(float(half), float(noise[0, 1])))
-    return np.asarray(deviation**2 / least * noise)
+    return np.asarray(deviation**2 / least_variances(noise) * noise)
+
+
+def least_variances(sigma: Array) -> Array:
+    """Smaller eigenvalues of covariances (..., 2, 2)."""
+    mean, half = 0.5 * (sigma[..., 0, 0] + sigma[..., 1, 1]), 0.5 * (sigma[..., 0, 0] - sigma[..., 1, 1])
+    return np.asarray(mean - np.hypot(half, sigma[..., 0, 1]))
 
 
 @np.errstate(invalid="ignore", divide="ignore")  # of what is no covariance, by rounding, it is not a number
@@ -279,11 +284,7 @@ def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Arr
 
 def shift_powers(count: int, shift: float, scale: float) -> Array:
     """Give the square matrix from coefficients of powers of s to those of u, where s = shift + u / scale."""
-    matrix = np.zeros((count, count))
-    for j in range(count):
-        for k in range(j + 1):
-            matrix[k, j] = math.comb(j, k) * shift ** (j - k) / scale**k
-    return matrix
+    return np.asarray(shift_matrices(count, np.array([shift]))[0] / scale ** np.arange(count)[:, None])
 
 
 def check_span(start: float, stop: float) -> None:

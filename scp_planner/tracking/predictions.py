@@ -10,6 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.tracking.confidence import ErrorLaw
+from scp_planner.tracking.conformal import square_within
 from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
 
 KEPT = 64
@@ -36,19 +37,14 @@ class Prediction:
     later: Later | None = None  # For predictions of times far ahead
 
     def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
-        """Probability to see something as far away as a position, or farther, at a time."""
-        square = self.square(time, position, noise)
-        return 1.0 if square is None else self.errors.exceedance(square)
-
-    def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
-        """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
+        """Probability to see something as far away as a position, or farther, at a time, with noise (2, 2), m^2."""
         powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
-        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
-        xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
-        determinant = xx * yy - xy * xy
-        if determinant <= 0.0 or xx <= 0.0:
-            return None  # far from its origin, as for what comes very late, the polynomial is no covariance
-        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
+        offset = np.asarray(position) - powers[: len(self.center)] @ self.center
+        covariance = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
+        xx, xy, yy = covariance
+        if xx * yy <= xy * xy or xx <= 0.0:
+            return 1.0  # far from its origin, as for what comes very late, the polynomial is no covariance
+        return self.errors.exceedance(float(square_within(offset[None], covariance[None])[0]))
 
 
 @dataclass(frozen=True)
@@ -161,16 +157,15 @@ class Predictions:
                 found.append(Compared(which, kinds[which], positions[which] - center, covariance))
         return found
 
-    def squares(self, slots: Index | slice, times: Array, positions: Array, noise: Array) -> Array:
+    def squares(self, slots: Index, times: Array, positions: Array, noise: Array) -> Array:
         """Squared standardised errors of what is seen, (n,)."""
         lag = times - self._origin[slots]
-        x, y = positions.T - _at(self._center[..., slots], lag)
-        xx, xy, yy = _at(self._covariance[..., slots], lag)
-        xx, xy, yy = xx + noise[:, 0, 0], xy + noise[:, 0, 1], yy + noise[:, 1, 1]
-        determinant = xx * yy - xy * xy
-        sound = self.known[slots] & (determinant > 0.0) & (xx > 0.0)
-        squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / np.where(sound, determinant, 1.0)
-        return np.where(sound, squares, 0.0)
+        offset = positions.T - _at(self._center[..., slots], lag)
+        xx, xy, yy = covariance = _at(self._covariance[..., slots], lag) + noise[:, [0, 0, 1], [0, 1, 1]].T
+        sound = self.known[slots] & (xx * yy > xy * xy) & (xx > 0.0)
+        squares = np.zeros(len(slots))
+        squares[sound] = square_within(offset[:, sound].T, covariance[:, sound].T)
+        return squares
 
 
 def lengthen(holder: object, size: int) -> None:
