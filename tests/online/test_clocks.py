@@ -36,23 +36,34 @@ def missed(planner: Planner, time: float, place: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("ahead", "model", "clock"),
+    ("ahead", "model", "clock", "by_tracker"),
     [
-        (0.5, "car", 0.0),
-        (2.0, "pedestrian", 0.0),
-        (2.0, "car", 1.7e9),
-        (5.0, "pedestrian", 1.7e9),
-        (5.0, "car", 0.0),
-        (1e12, {"order": 1}, 0.0),
+        (0.5, "car", 0.0, False),
+        (2.0, "pedestrian", 0.0, False),
+        (2.0, "car", 1.7e9, False),
+        (5.0, "pedestrian", 1.7e9, False),
+        (5.0, "car", 0.0, False),
+        (1e12, {"order": 1}, 0.0, False),
+        (0.5, "pedestrian", 0.0, True),
+        (5.0, "pedestrian", 0.0, True),
     ],
 )
-def test_one_stamp_ahead_leaves_the_obstacle_in_its_zone(ahead: float, model: Any, clock: float) -> None:
+def test_one_stamp_ahead_leaves_the_obstacle_in_its_zone(
+    ahead: float, model: Any, clock: float, by_tracker: bool
+) -> None:
     planner, rng = planner_of_one(model, clock), np.random.default_rng(0)
     seen = {k: walker(STEP * k) + 0.03 * rng.standard_normal(2) for k in range(-20, 70)}
+
+    def tell(stamp: float, place: np.ndarray) -> None:
+        if by_tracker:
+            planner.update_obstacle("p", stamp, place, (0.0, 0.7), covariance=np.diag([0.01, 0.01, 0.04, 0.04]))
+        else:
+            planner.observe("p", stamp, place)
+
     for k in range(-20, 0):
-        planner.observe("p", clock + STEP * k, seen[k])
+        tell(clock + STEP * k, seen[k])
     for k in range(70):
-        planner.observe("p", clock + STEP * k + (ahead if k == 10 else 0.0), seen[k])
+        tell(clock + STEP * k + (ahead if k == 10 else 0.0), seen[k])
         time = clock + STEP * k
         if k == 0:
             planner.replan(time, (0.0, 0.0), 0.0, 0.0)
@@ -60,22 +71,6 @@ def test_one_stamp_ahead_leaves_the_obstacle_in_its_zone(ahead: float, model: An
             follow(planner, time)
         assert missed(planner, time, walker(STEP * k)) < 0.05
     assert any("ahead of the clock of the replans, and held back" in note or "beyond" in note for note in planner.notes)
-
-
-@pytest.mark.parametrize("ahead", [0.5, 5.0])
-def test_a_state_ahead_is_held_back_too(ahead: float) -> None:
-    planner = planner_of_one("pedestrian")
-    covariance = np.diag([0.01, 0.01, 0.04, 0.04])
-    for k in range(60):
-        time = STEP * k
-        stamp = time + (ahead if k == 10 else 0.0)
-        planner.update_obstacle("p", stamp, walker(time), (0.0, 0.7), covariance=covariance)
-        if k == 0:
-            planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
-        else:
-            follow(planner, time)
-        assert missed(planner, time, walker(time)) < 0.0
-    assert any("held back" in note for note in planner.notes)
 
 
 def test_what_is_held_back_is_used_when_its_time_has_come() -> None:

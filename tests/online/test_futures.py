@@ -84,8 +84,6 @@ def test_an_observation_puts_predictions_aside() -> None:
 
 def test_what_is_wrong_with_a_prediction_is_named() -> None:
     planner = sp.Planner(scene(person(FORK)))
-    with pytest.raises(ValueError, match="no obstacle 'nobody'"):
-        planner.update_motion("nobody", FORK)
     with pytest.raises(sp.ScenarioError, match=r"motion\.futures = 0\.5: .*add up to 0\.5"):
         planner.update_motion("person", {"futures": [future(0.5, (0.0, 0.9))]})
     planner.replan(**STATE)

@@ -47,6 +47,8 @@ def test_an_obstacle_that_is_seen_again_is_back_as_it_was_added(tell: Callable[[
     planner = driving(1e9 if removed else 1.0)
     if removed:
         planner.remove_obstacle("a")
+    else:
+        assert planner.notes[-1] == "a: forgotten, not seen for 1 s"
     assert "a" not in planner.obstacles.tracks
     tell(planner)
     follow(planner, 2.1)

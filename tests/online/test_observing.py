@@ -158,26 +158,6 @@ def test_newcomer_is_kept_clear_of_from_its_first_observation() -> None:
     assert sizes[0] > 2.0 and sizes[-1] < 0.5 * sizes[0]
 
 
-def test_obstacle_that_is_not_seen_any_more_is_forgotten() -> None:
-    scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.0), 0.1)))
-    planner = Planner(scenario, online=OnlineSettings(forget_after=1.0))
-    begin(planner, scenario)
-    follow(planner, 0.9)
-    assert [zone.id for zone in planner.zones] == ["a"]
-    follow(planner, 1.1)
-    assert planner.zones == () and planner.notes[-1] == "a: forgotten, not seen for 1 s"
-
-
-def test_known_obstacle_that_is_observed_does_not_move_as_was_known() -> None:
-    scenario = scene(disc("d", (12.0, -6.0), (0.0, 0.8)))
-    planner = Planner(scenario)
-    begin(planner, scenario)
-    planner.observe("d", 0.1, (12.0, -2.0), 0.01 * np.eye(2))
-    follow(planner, 0.1)
-    assert planner.zones[0].covariances is not None
-    assert planner.zones[0].center(0.1) == pytest.approx((12.0, -2.0), abs=1e-6)
-
-
 class Straight:
     """A predictor that counts how often it is asked, and for how long."""
 

@@ -7,35 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import scene
+from tracked_states import ACCELERATION, POSITION, VELOCITY, covariance, obstacle
 
 import scp_planner as sp
-from scp_planner.arrays import Array
 
 pytestmark = pytest.mark.numerics
-
-POSITION, VELOCITY, ACCELERATION = (6.0, 5.0), (0.3, -0.8), (-0.1, 0.05)
-
-
-def covariance(components: int) -> Array:
-    """Covariance of a state with correlated components."""
-    draw = np.random.default_rng(4).normal(size=(2 * components, 2 * components))
-    scale = np.repeat([0.1, 0.15, 0.1][:components], 2)
-    mixed = draw @ draw.T / (2 * components) + np.eye(2 * components)
-    return scale[:, None] * mixed * scale
-
-
-def estimate(components: int = 2, time: float = 0.0) -> sp.Estimate:
-    return sp.Estimate(
-        time=time,
-        position=POSITION,
-        velocity=VELOCITY,
-        acceleration=ACCELERATION if components == 3 else None,
-        covariance=covariance(components).tolist(),
-    )
-
-
-def obstacle(components: int = 2, **others: Any) -> dict[str, Any]:
-    return {"id": "one", "shape": {"disc": 0.3}, "estimate": estimate(components), **others}
 
 
 class TestOnline:
@@ -87,8 +63,6 @@ class TestOnline:
 
     def test_bad_updates_are_refused(self) -> None:
         planner = self.planner(obstacle(2))
-        with pytest.raises(ValueError, match="there is no obstacle 'two'"):
-            planner.update_obstacle("two", 0.1, POSITION, VELOCITY, covariance=covariance(2))
         with pytest.raises(ValueError, match="4 rows of 4"):
             planner.update_obstacle("one", 0.1, POSITION, VELOCITY, covariance=np.eye(2))
         with pytest.raises(ValueError, match="velocity"):

@@ -115,14 +115,6 @@ def test_noise_that_is_underestimated_makes_zones_larger_and_outliers_do_not() -
     assert same / plain == pytest.approx(1.0, rel=0.1)
 
 
-def test_nothing_is_lost_where_all_changes_at_once() -> None:
-    """A leap: two observations in a row may be outliers, the third is none."""
-    places = noisy(np.zeros((60, 1, 2)), 19)
-    places[40:] += 4.0
-    (zone,) = tracked(places[:45]).zones(STEP * 44)
-    assert zone.center(STEP * 44) == pytest.approx((4.0, 4.0), abs=0.5)
-
-
 def observed(places: Array, order: int = 2) -> sp.Obstacle:
     seen = {"time": (STEP * np.arange(len(places))).tolist(), "position": places.tolist(), "covariance": SIGMA.tolist()}
     return sp.Obstacle.model_validate(

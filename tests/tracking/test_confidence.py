@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -188,34 +189,6 @@ def test_one_exact_case() -> None:
     assert region_scale("joint", 0.95, seen, obstacles=5) == pytest.approx(each, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("sometimes", 0.95), "level: 'sometimes' is not one of per_time, per_obstacle, joint"),
-        (("joint", 1.0), "probability: 1.0 is not between 0 and 1"),
-        (("joint", math.nan), "probability: nan"),
-    ],
-)
-def test_misuse_is_named(arguments: tuple[str, float], message: str) -> None:
-    with pytest.raises(EstimationError, match=message):
-        region_scale(*arguments, estimate())
-
-
-def test_faulty_numbers_are_named() -> None:
-    with pytest.raises(EstimationError, match="obstacles: 0 is not a positive number"):
-        region_scale("joint", 0.95, estimate(), obstacles=0)
-    with pytest.raises(EstimationError, match="at least 2 are needed"):
-        HotellingErrors(1)
-    with pytest.raises(EstimationError, match="degrees of freedom: 0"):
-        StudentErrors(0)
-    with pytest.raises(EstimationError, match="length: nan"):
-        uniform_scale(0.05, math.nan, NormalErrors())
-    with pytest.raises(EstimationError, match="unbounded"):
-        uniform_scale(0.05, math.inf, NormalErrors())
-    with pytest.raises(EstimationError, match="start 2 is after"):
-        region_scale("joint", 0.95, estimate(), start=2, stop=1)
-
-
 SIZES = st.floats(1e-6, 1e6) | st.just(0.0)
 
 
@@ -289,9 +262,25 @@ def test_mixtures_beside_others_keep_the_joint_level_whatever_depends_on_what(no
 
 
 @pytest.mark.parametrize(
-    ("weights", "sizes", "alpha", "named"),
-    [([0.5, np.nan], [1, 1], 0.05, "weights"), ([0.5, 0.5], [1, -1], 0.05, "sizes"), ([1.0], [1], 1.0, "alpha")],
+    ("call", "message"),
+    [
+        (
+            lambda: region_scale("sometimes", 0.95, estimate()),
+            "'sometimes' is not one of per_time, per_obstacle, joint",
+        ),
+        (lambda: region_scale("joint", 1.0, estimate()), "probability: 1.0 is not between 0 and 1"),
+        (lambda: region_scale("joint", math.nan, estimate()), "probability: nan"),
+        (lambda: region_scale("joint", 0.95, estimate(), obstacles=0), "obstacles: 0 is not a positive number"),
+        (lambda: region_scale("joint", 0.95, estimate(), start=2, stop=1), "start 2 is after"),
+        (lambda: HotellingErrors(1), "at least 2 are needed"),
+        (lambda: StudentErrors(0), "degrees of freedom: 0"),
+        (lambda: uniform_scale(0.05, math.nan, NormalErrors()), "length: nan"),
+        (lambda: uniform_scale(0.05, math.inf, NormalErrors()), "unbounded"),
+        (lambda: shared_risk(np.array([0.5, np.nan]), np.ones(2), 0.05), "weights"),
+        (lambda: shared_risk(np.array([0.5, 0.5]), np.array([1.0, -1.0]), 0.05), "sizes"),
+        (lambda: shared_risk(np.ones(1), np.ones(1), 1.0), "alpha"),
+    ],
 )
-def test_what_is_no_budget_is_refused(weights: list[float], sizes: list[float], alpha: float, named: str) -> None:
-    with pytest.raises(EstimationError, match=named):
-        shared_risk(np.array(weights), np.array(sizes, dtype=float), alpha)
+def test_misuse_is_named(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(EstimationError, match=message):
+        call()

@@ -14,7 +14,6 @@ from scp_planner.tracking.conformal import (
     CONFORMAL,
     AdaptiveScales,
     conformal_quantile,
-    factor_to_hold,
     region_score,
     square_within,
 )
@@ -42,12 +41,9 @@ def test_too_few_scores_make_a_region_of_everything() -> None:
 def test_misuse_is_refused(scores: list[float], alpha: float, what: str) -> None:
     with pytest.raises(EstimationError, match=what):
         conformal_quantile(scores, alpha)
-
-
-@pytest.mark.parametrize(("alpha", "rate"), [(1.5, 0.1), (0.1, 0.0)])
-def test_scales_refuse_misuse(alpha: float, rate: float) -> None:
-    with pytest.raises(EstimationError):
-        AdaptiveScales(alpha, 1, rate=rate)
+    for level, rate in ((1.5, 0.1), (0.1, 0.0)):
+        with pytest.raises(EstimationError):
+            AdaptiveScales(level, 1, rate=rate)
 
 
 @pytest.mark.parametrize("kind", ["calm", "growing", "bursts"])
@@ -74,26 +70,6 @@ def test_calm_track_has_no_smaller_regions_than_others() -> None:
         scales.take_in(0, ["calm", "restless"], [0.1 * square, 4.0 * square])
     calm, restless, new = scales.scales(["calm", "restless", "new"])[:, 0].tolist()
     assert calm == pytest.approx(new, rel=0.05) and restless > 1.2 * calm
-
-
-def test_factor_to_hold_puts_the_border_through_what_is_seen() -> None:
-    rng = np.random.default_rng(4)
-    for _ in range(200):
-        c, r = (one @ one.T for one in rng.normal(size=(2, 2, 2)))
-        z, border = rng.normal(size=2) * 10.0 ** rng.uniform(-1.0, 2.0), float(rng.uniform(1.0, 9.0))
-        (factor,) = factor_to_hold([z], [c[[0, 0, 1], [0, 1, 1]]], [r[[0, 0, 1], [0, 1, 1]]], border)
-        square = float(z @ np.linalg.solve(factor * c + r, z))
-        assert square == pytest.approx(border, rel=1e-6) if factor > 0.0 else square <= border
-
-
-def test_noise_alone_needs_no_region() -> None:
-    """Regions that are as large as the errors are: the factor's quantile comes to 1, however much noise is on top."""
-    rng = np.random.default_rng(5)
-    count, region, noise = 20_000, 0.5, 2.0
-    z = np.sqrt(region + noise) * rng.standard_normal((count, 2))
-    shape = np.tile([1.0, 0.0, 1.0], (count, 1))
-    factors = factor_to_hold(z, region * shape, noise * shape, -2.0 * math.log(0.05))
-    assert np.quantile(factors, 0.95) == pytest.approx(1.0, abs=0.25)
 
 
 def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> None:

@@ -324,12 +324,6 @@ def test_after_a_long_time_nothing_but_the_noise_of_the_last_observation_is_left
     assert np.isfinite(seen.covariance(lag + 10.0)).all()
 
 
-def test_observations_may_come_in_any_order() -> None:
-    times, z = np.array([0.8, 0.0, 0.4]), np.array([[1.0, 0.2], [0.0, 0.0], [0.6, 0.1]])
-    ordered = estimate_process(np.sort(times), z[np.argsort(times)], model())
-    assert estimate_process(times, z, model()).position(3.0) == pytest.approx(ordered.position(3.0))
-
-
 def test_the_past_and_the_far_future_are_not_for_it() -> None:
     with pytest.raises(EstimationError, match=r"time: 0.1 s before the last observation"):
         single().position(0.3)

@@ -49,27 +49,18 @@ def assert_same(one: PolynomialEstimate, other: PolynomialEstimate) -> None:
 @pytest.mark.parametrize("prior", [None, PRIOR])
 @pytest.mark.parametrize("noise", ["known", "estimated", "varying"])
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_recursive_is_batch(order: int, noise: str, prior: MotionPrior | None) -> None:
+def test_recursive_is_batch_in_any_order(order: int, noise: str, prior: MotionPrior | None) -> None:
     for count in (order + 4, 150):
         times, positions = recording(count, order=order)
         each = covariances(count)
         estimator = RecursiveEstimator(3, order, SIGMA if noise == "known" else None, varying=noise == "varying")
-        for i in range(count):
+        for i in np.random.default_rng(1).permutation(count):
             estimator.update(times[i], positions[i], each[i] if noise == "varying" else None)
         assert estimator.observations.tolist() == [count] * 3
         for k in range(3):
             sigma = {"known": SIGMA, "estimated": None, "varying": each[:, k]}[noise]
             batch = estimate_motion(times, positions[:, k], sigma, order, prior)
             assert_same(estimator.estimate(k, prior), batch)
-
-
-def test_observations_may_come_in_any_order() -> None:
-    times, positions = recording(20, 1)
-    shuffled = np.random.default_rng(1).permutation(20)
-    estimator = RecursiveEstimator(1, 2, SIGMA)
-    for i in shuffled:
-        estimator.update(times[i], positions[i])
-    assert_same(estimator.estimate(), estimate_motion(times, positions[:, 0], SIGMA))
 
 
 def test_obstacles_are_seen_when_they_are_seen() -> None:
