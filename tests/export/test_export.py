@@ -8,14 +8,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import pytest
 from scenes import disc, scene
-from typer.testing import CliRunner
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.cli import app
 from scp_planner.export import (
     cycle_table,
     plan_messages,
@@ -274,7 +273,7 @@ def test_a_folder_that_is_no_bag_is_left_alone(plan: sp.Plan, plan_file: Path, t
         before = sorted(folder.iterdir())
         with pytest.raises(FileExistsError):
             plan.export(folder)
-        done = CliRunner().invoke(app, ["export", str(plan_file), "-o", str(folder)])
+        done = command.run("export", plan_file, "-o", folder)
         assert done.exit_code == 2 and "is no bag" in done.stderr
         assert sorted(folder.iterdir()) == before
 
@@ -297,7 +296,7 @@ def plan_file(plan: sp.Plan, tmp_path: Path) -> Path:
 @pytest.mark.parametrize("name", ["plan.csv", "plan.npz", pytest.param("plan.mcap", marks=needs_rosbags)])
 def test_command_exports_a_plan(plan_file: Path, name: str) -> None:
     target = plan_file.with_name(name)
-    done = CliRunner().invoke(app, ["export", str(plan_file), "-o", str(target), "--samples", "7"])
+    done = command.run("export", plan_file, "-o", target, "--samples", "7")
     assert done.exit_code == 0, done.output
     assert done.stdout == "" and done.stderr == f"wrote {target}\n"
     if name == "plan.csv":
@@ -308,7 +307,7 @@ def test_command_exports_a_plan(plan_file: Path, name: str) -> None:
 
 def test_command_exports_a_run(run: sp.Run, tmp_path: Path) -> None:
     run.save(tmp_path / "run.json")
-    done = CliRunner().invoke(app, ["export", str(tmp_path / "run.json"), "-o", str(tmp_path / "run.csv"), "-q"])
+    done = command.run("export", tmp_path / "run.json", "-o", tmp_path / "run.csv", "-q")
     assert (done.exit_code, done.output) == (0, "")
     assert len((tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()) == len(run.time) + 1
 
@@ -324,7 +323,7 @@ def test_command_exports_a_run(run: sp.Run, tmp_path: Path) -> None:
 )
 def test_command_refuses(plan_file: Path, arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(plan_file.parent)
-    done = CliRunner().invoke(app, ["export", plan_file.name, *arguments])
+    done = command.run("export", plan_file.name, *arguments)
     assert done.exit_code == 2
     assert said in " ".join(done.stderr.split())
     assert list(plan_file.parent.iterdir()) == [plan_file]
@@ -332,6 +331,6 @@ def test_command_refuses(plan_file: Path, arguments: list[str], said: str, monke
 
 def test_command_refuses_what_is_no_plan(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text("[1, 2]", encoding="utf-8")
-    done = CliRunner().invoke(app, ["export", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.csv")])
+    done = command.run("export", tmp_path / "other.json", "-o", tmp_path / "o.csv")
     assert done.exit_code == 2 and "other.json" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["other.json"]

@@ -6,14 +6,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import pytest
 from scenes import scene
 from tracked_messages import autoware, derived, detections, header, make, nav2, odometry, teb, write_bag
-from typer.testing import CliRunner
 
 import scp_planner as sp
-from scp_planner.cli import app
 from scp_planner.formats.tracked_objects import Unknowns, tracked_objects
 from scp_planner.simulation.replay import TrackFeed, replay
 
@@ -140,8 +139,7 @@ def test_a_recording_is_replanned(bag: Path) -> None:
 
 
 def test_the_command_reports(bag: Path, tmp_path: Path) -> None:
-    words = ["replay", str(bag), "--goal", "10,0", "--period", "0.5", "-o", str(tmp_path / "run.json")]
-    done = CliRunner().invoke(app, words)
+    done = command.run("replay", bag, "--goal", "10,0", "--period", "0.5", "-o", tmp_path / "run.json")
     assert done.exit_code == 0, done.output
     assert "replans:                 6" in done.output and "tracked objects:         1" in done.output
     assert len(sp.Run.load(tmp_path / "run.json").records) == 6
@@ -155,14 +153,14 @@ def test_the_command_reports(bag: Path, tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_refused(bag: Path, options: list[str], told: str) -> None:
-    done = CliRunner().invoke(app, ["replay", str(bag), *options])
+    done = command.run("replay", bag, *options)
     assert done.exit_code == 2 and told in done.output
 
 
 def test_a_recording_without_objects_is_refused(tmp_path: Path) -> None:
     empty = write_bag(tmp_path / "empty", [odometry(0.0, (0.0, 0.0), 0.0, 1.0)])
-    done = CliRunner().invoke(app, ["replay", str(empty), "--goal", "10,0"])
+    done = command.run("replay", empty, "--goal", "10,0")
     assert done.exit_code == 2 and "has no message of" in done.output
     (tmp_path / "folder").mkdir()
-    done = CliRunner().invoke(app, ["replay", str(tmp_path / "folder"), "--goal", "10,0"])
+    done = command.run("replay", tmp_path / "folder", "--goal", "10,0")
     assert done.exit_code == 2

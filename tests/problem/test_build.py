@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
+from memory import MEGABYTE, traced
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
@@ -17,7 +17,6 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import MOST_BYTES, check_memory, check_obstacles, plan_bytes
 from scp_planner.problem.near_zones import BEYOND, without_far_zones
 from scp_planner.problem.problem import Problem
-from scp_planner.scenario.models import Scenario
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
@@ -157,7 +156,6 @@ def test_few_zones_are_all_kept() -> None:
 
 # What planning takes is known before it is taken, and what is too much is refused at once
 
-MEGABYTE = 1_000_000
 QUICK: dict[str, Any] = {"max_runs": 1, "max_iterations": 2, "searches": 1}
 
 
@@ -180,21 +178,12 @@ def seen(count: int) -> list[dict[str, Any]]:
     return found
 
 
-def peak_of_a_plan(scenario: Scenario, settings: Settings) -> int:
-    sp.plan(scene(*seen(1)), Settings(**QUICK))  # what is loaded once is no part of it
-    tracemalloc.start()
-    try:
-        sp.plan(scenario, settings)
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
 @pytest.mark.parametrize(("spans", "samples", "count"), [(160, 30, 1), (12, 800, 10)])
 def test_a_plan_takes_no_more_than_was_estimated_and_not_much_less(spans: int, samples: int, count: int) -> None:
     settings = Settings(path_span=20.0 / spans, max_path_spans=200, samples=samples, acceleration_spans=10, **QUICK)
     estimate = plan_bytes(spans, 12, samples, count)
-    peak = peak_of_a_plan(scene(*seen(count)), settings)
+    sp.plan(scene(*seen(1)), Settings(**QUICK))  # what is loaded once is no part of it
+    _, peak = traced(lambda: sp.plan(scene(*seen(count)), settings))
     search = 25 * MEGABYTE  # which has limits of its own
     assert 0.15 * estimate < peak < estimate + search
 
@@ -205,13 +194,11 @@ def test_too_many_obstacles_are_refused_at_once() -> None:
 
 
 def test_too_many_spans_are_refused_before_their_tables_are_made() -> None:
-    tracemalloc.start()
-    try:
+    def refused() -> None:
         with pytest.raises(TooLargeError, match=r"path: 5000 spans .* larger path_span"):
             build_problem(scene(), (), Settings(), spans=5000)
-        assert tracemalloc.get_traced_memory()[1] < 5 * MEGABYTE
-    finally:
-        tracemalloc.stop()
+
+    assert traced(refused)[1] < 5 * MEGABYTE
 
 
 def test_what_needs_least_is_never_refused() -> None:

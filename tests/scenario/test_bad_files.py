@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 import yaml
-from typer.testing import CliRunner
+from command import run
 
 from scp_planner import files
-from scp_planner.cli import app
 from scp_planner.errors import ScenarioError
 from scp_planner.scenario.models import MOST_OBSTACLES, Scenario
 
@@ -280,7 +279,7 @@ def assert_refused(file: Path, path: str, value: str, allowed: str) -> None:
     folder = file.parent / "written"
     folder.mkdir()
     options = ["-o", str(folder / "plan.json"), "--plot", str(folder / "plan.png"), "--json"]
-    result = CliRunner().invoke(app, ["plan", str(file), *options])
+    result = run("plan", file, *options)
     assert result.exit_code == 2, result.output
     assert not list(folder.iterdir())
     assert result.stdout == ""
@@ -322,7 +321,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_missing_is_refused_by_name(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["plan", str(tmp_path / "none.yaml"), "-o", str(tmp_path / "plan.json")])
+    result = run("plan", tmp_path / "none.yaml", "-o", tmp_path / "plan.json")
     assert result.exit_code == 2
     assert f"{tmp_path / 'none.yaml'}: No such file or directory" in result.stderr
     assert not list(tmp_path.iterdir())

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import command
 import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
-from typer.testing import CliRunner
 
 import scp_planner as sp
 from benchmarks.online_faults import KINDS, injected_run
 from scp_planner import builtin
-from scp_planner.cli import app
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
@@ -377,7 +376,7 @@ def test_run_is_animated(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"run{suffix}"
     file = tmp_path / "scene.yaml"
     scene(disc("d", (3.0, 1.0)), goal={"position": (5.0, 0.0)}).save(file)
-    result = CliRunner().invoke(app, ["simulate", str(file), "--rate", "5", "--animate", str(path), "--quiet"])
+    result = command.run("simulate", file, "--rate", "5", "--animate", path, "--quiet")
     assert result.exit_code == 0, result.stderr
     data = path.read_bytes()
     assert data[:6] == b"GIF89a" if suffix == ".gif" else data[4:8] == b"ftyp"

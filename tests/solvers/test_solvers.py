@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from memory import traced
 from programs import INFEASIBLE_PROGRAM, SEEDS, box, known_program, long_program, optimality, with_rows
 
 from scp_planner.problem.build import build_problem
@@ -327,10 +327,7 @@ def test_a_large_program_is_not_copied() -> None:
     matrix[np.arange(rows), (np.arange(rows) // size) % size] += 0.5
     bound = np.where(np.arange(rows) < size, 0.9, 3.0)
     program = replace(box(size), matrix=matrix, bound=bound)
-    tracemalloc.start()
-    solution = solver_named("clarabel").solve(program)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    solution, peak = traced(lambda: solver_named("clarabel").solve(program))
     assert solution.status is SolverStatus.OPTIMAL
     assert optimality(program, solution) < 1e-9
     assert peak < 0.6 * matrix.nbytes

@@ -6,12 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import pytest
 from scipy import stats
-from typer.testing import CliRunner
 
-from scp_planner.cli import app
 from scp_planner.studies.coverage import (
     Coverage,
     measure_coverage,
@@ -191,7 +190,7 @@ def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None
 def test_command(tmp_path: Path) -> None:
     wanderers(24, 20).save(tmp_path / "walkers.csv")
     options = ["--runs", "10", "--probability", "0.9", "--window", "6", "-o", str(tmp_path / "out")]
-    told = CliRunner().invoke(app, ["study", "coverage", str(tmp_path / "walkers.csv"), *options])
+    told = command.run("study", "coverage", tmp_path / "walkers.csv", *options)
     assert told.exit_code == 0, told.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "coverage.csv",

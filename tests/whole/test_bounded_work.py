@@ -6,14 +6,14 @@ import ctypes
 import os
 import re
 import time
-import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
+from memory import MEGABYTE, T, traced
 from scenes import disc, observed, scene
 
 import scp_planner as sp
@@ -34,10 +34,6 @@ from scp_planner.trips.space import SIZE, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-MEGABYTE = 1_000_000
-
-T = TypeVar("T")
-
 
 def peak_of(work: Callable[[], T]) -> tuple[T, int]:
     """Result of a search, and the most bytes that it takes at once.
@@ -48,12 +44,7 @@ def peak_of(work: Callable[[], T]) -> tuple[T, int]:
     status, marks = Path("/proc/self/status"), Path("/proc/self/clear_refs")
     give_back = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.access(marks, os.W_OK) else None
     if give_back is None:
-        tracemalloc.start()
-        try:
-            result = work()
-            return result, tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
+        return traced(work)
 
     def bytes_of(line: str) -> int:
         return 1024 * int(re.search(rf"^{line}:\s+(\d+) kB", status.read_text(), re.M)[1])  # type: ignore[index]
@@ -147,25 +138,17 @@ def test_a_long_curve_is_refused_by_name() -> None:
 
 
 def test_too_many_spans_are_refused_before_anything_is_allocated() -> None:
-    tracemalloc.start()
-    try:
+    def refused() -> None:
         with pytest.raises(TooLargeError, match=r"path: 5000 spans .* at most \d+ spans"):
             TripSpace(StraightGuide(100.0), 1.0, 3, 5000, 0, (0.0, 1.0))
         with pytest.raises(TooLargeError, match=r"acceleration: 9000 spans"):
             TripSpace(StraightGuide(100.0), 1.0, 3, 5, 0, tuple(np.linspace(0.0, 1.0, 9001).tolist()))
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < MEGABYTE
+
+    assert traced(refused)[1] < MEGABYTE
 
 
 def test_the_largest_spaces_take_what_they_are_said_to_take() -> None:
-    tracemalloc.start()
-    try:
-        space = TripSpace(StraightGuide(100.0), 1.0, 5, 300, 0, (0.0, 1.0))
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
+    space, peak = traced(lambda: TripSpace(StraightGuide(100.0), 1.0, 5, 300, 0, (0.0, 1.0)))
     assert space.path_size == 305
     assert peak < SIZE.most_bytes * (300 / 650) ** 2 * 1.3
 
@@ -174,12 +157,7 @@ def test_a_guide_of_4000_jittered_points_takes_little_memory() -> None:
     rng = np.random.default_rng(0)
     points = np.stack([np.linspace(0.0, 400.0, 4000), rng.normal(0.0, 0.05, 4000)], axis=1)
     points[[0, -1], 1] = 0.0
-    tracemalloc.start()
-    try:
-        curve = smooth_guide(points, 2.0)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
+    curve, peak = traced(lambda: smooth_guide(points, 2.0))
     assert curve.length > 400.0
     assert peak < 400 * MEGABYTE
 
@@ -198,13 +176,8 @@ def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:
     scenario = scene(wall, bounds={"min": [-5.0, -5.0], "max": [25.0, 5.0]})
     zones = sp.zones(scenario)
     no_trip_within(scenario, 10.0, zones)  # what is loaded once is no part of it
-    tracemalloc.start()
-    try:
-        assert not no_trip_within(scenario, 1e9, zones)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < MEGABYTE
+    shown, peak = traced(lambda: no_trip_within(scenario, 1e9, zones))
+    assert not shown and peak < MEGABYTE
 
 
 def test_the_run_along_a_new_guide_starts_with_a_trip_that_arrives() -> None:

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
-from typer.testing import CliRunner
 
-from scp_planner.cli import app
 from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
 
 
@@ -118,7 +116,7 @@ def test_a_file_of_drives_gives_the_tube_of_its_records(tmp_path: Path) -> None:
         lines += [f"{drive},{v!r},{k!r},{e!r},x" for v, k, e in np.stack([speed, curvature, error], axis=1).tolist()]
     file = tmp_path / "drives.csv"
     file.write_text("\n".join(lines) + "\n")
-    result = CliRunner().invoke(app, ["fit-tracking", str(file), "--probability", "0.9", "--json"])
+    result = run("fit-tracking", file, "--probability", "0.9", "--json")
     assert result.exit_code == 0, result.stderr
     found, tube = json.loads(result.stdout), fit_tracking_tube(records, 0.9)
     assert found["per_speed"] == pytest.approx(tube.per_speed, rel=1e-12)
@@ -139,7 +137,7 @@ def test_a_file_of_drives_gives_the_tube_of_its_records(tmp_path: Path) -> None:
 def test_what_is_wrong_is_told(text: str, options: list[str], told: str, tmp_path: Path) -> None:
     file = tmp_path / "drives.csv"
     file.write_text(text)
-    result = CliRunner().invoke(app, ["fit-tracking", str(file), *options])
+    result = run("fit-tracking", file, *options)
     assert result.exit_code != 0
     said = f"{result.output} {result.exception}"
     assert told in " ".join(said.split()), said

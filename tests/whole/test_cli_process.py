@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import typer.main
 from clock import PATIENCE, eventually
+from command import run
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -249,6 +250,6 @@ def test_examples_of_one_scenario_run(tmp_path: Path, monkeypatch: pytest.Monkey
         for example in EXAMPLES[name]:
             if name == "check":
                 _write_samples(sp.Plan.load("plan.json"), "mine.csv", "theirs.csv")
-            done = CliRunner().invoke(app, shlex.split(example.partition(">")[0])[1:])
+            done = run(*shlex.split(example.partition(">")[0])[1:])
             assert done.exit_code == 0, done.output
     assert {path.name for path in tmp_path.iterdir()} >= {"crossing.yaml", "plan.json", "plan.html"}

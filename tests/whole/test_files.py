@@ -10,12 +10,11 @@ from typing import Any
 
 import pytest
 import yaml
-from typer.testing import CliRunner
+from command import run
 
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import opened
-from scp_planner.cli import app
 from scp_planner.files import write_text
 from scp_planner.studies.consistency import ResultFile
 
@@ -56,11 +55,6 @@ def easy(scenario_data: dict[str, Any], tmp_path: Path) -> Path:
 
 def kind_of(path: Path) -> int:
     return os.stat(path).st_mode
-
-
-def run(*arguments: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stderr
 
 
 def never(*_: object, **__: object) -> None:
@@ -141,8 +135,9 @@ def test_commands_refuse_before_they_work(
 ) -> None:
     monkeypatch.chdir(easy.parent)
     before = kind_of(special[kind])
-    code, said = run(*(argument.format(special[kind]) for argument in arguments), "--verbose")
-    assert code == 2 and "DEBUG" not in said, "nothing is done before"
+    done = run(*(argument.format(special[kind]) for argument in arguments), "--verbose")
+    said = done.stderr
+    assert done.exit_code == 2 and "DEBUG" not in said, "nothing is done before"
     assert "--output" in said and str(special[kind]) in said and kind in said
     assert kind_of(special[kind]) == before
 
@@ -157,8 +152,9 @@ def test_files_in_a_folder_are_looked_at_before_the_work(tmp_path: Path) -> None
         folder = tmp_path / arguments[-1]
         folder.mkdir()
         os.mkfifo(folder / file)
-        code, said = run(*arguments, "-o", folder, "--verbose")
-        assert code == 2 and "DEBUG" not in said and f"{folder / file}: must not be a pipe" in said
+        done = run(*arguments, "-o", folder, "--verbose")
+        said = done.stderr
+        assert done.exit_code == 2 and "DEBUG" not in said and f"{folder / file}: must not be a pipe" in said
         assert [path.name for path in folder.iterdir()] == [file]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 import warnings
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory import MEGABYTE, traced
 from scenes import disc, drone, scene
 
 import scp_planner as sp
@@ -137,12 +137,9 @@ def test_a_hundred_spacecraft_lengths_of_memory_are_not_needed_for_a_long_trip()
         goal={"position": [6e4, 0.0]},
     )
     sp.plan(scene())
-    tracemalloc.start()
-    plan = sp.plan(scenario)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
+    plan, most = traced(lambda: sp.plan(scenario))
     assert plan.certified
-    assert most < 200e6
+    assert most < 200 * MEGABYTE
 
 
 def test_many_crossers_on_a_long_trip() -> None:

@@ -11,11 +11,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from command import run
 from shapely import Point, Polygon, box, union_all
-from typer.testing import CliRunner
 
 import scp_planner as sp
-from scp_planner.cli import app
 from scp_planner.scenario.motions import Course
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
@@ -177,7 +176,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path, recorded_data: Path) -> 
 
 def test_command_plans_a_file(recorded_data: Path, tmp_path: Path) -> None:
     file = file_of(recorded_data, "DEU_Ffb-1_1_T-1")
-    done = CliRunner().invoke(app, ["plan", str(file), "-o", str(tmp_path / "plan.json"), "--json"])
+    done = run("plan", file, "-o", tmp_path / "plan.json", "--json")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["scenario"] == "DEU_Ffb-1_1_T-1"
     assert sp.Plan.load(tmp_path / "plan.json").stated_status == "certified"

@@ -12,13 +12,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from command import run
 from scipy.integrate import solve_ivp
 from shapely import Polygon, box
 from shapely.affinity import rotate, translate
-from typer.testing import CliRunner
 
 import scp_planner as sp
-from scp_planner.cli import app
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 
@@ -334,12 +333,11 @@ def test_borders_of_lanes_are_there_to_be_drawn(road_file: Path) -> None:
 
 def test_command_writes_a_solution(road_file: Path, tmp_path: Path) -> None:
     target = tmp_path / "solution.xml"
-    words = ["plan", str(road_file), "--commonroad-solution", str(target), "--commonroad-model", "KS", "--no-bound"]
-    done = CliRunner().invoke(app, words)
+    done = run("plan", road_file, "--commonroad-solution", target, "--commonroad-model", "KS", "--no-bound")
     assert done.exit_code == 0, done.output
     assert read(target).vehicle_id == "KS2"
     assert f"wrote {target}: a solution of {road_file}" in done.output
-    refused = CliRunner().invoke(app, ["plan", "builtin:crossing", "--commonroad-solution", str(target)])
+    refused = run("plan", "builtin:crossing", "--commonroad-solution", target)
     assert refused.exit_code == 2
     assert "needs a scenario of CommonRoad" in refused.output
 
@@ -348,17 +346,17 @@ def test_a_plan_for_a_model_passes_its_own_check(road_file: Path, tmp_path: Path
     """Of two goals the sooner one, for a truck: all of it is in the plan file."""
     both = "".join(goal(f"<position>{rectangle({**GOAL, 'x': x}, placed=True)}</position>") for x in (85.0, 70.0))
     road_file.write_text(road(both), encoding="utf-8")
-    file, runner = tmp_path / "plan.json", CliRunner()
-    words = ["plan", str(road_file), "--commonroad-solution", str(tmp_path / "s.xml"), "--commonroad-model", "KST"]
-    done = runner.invoke(app, [*words, "--no-bound", "-o", str(file)])
+    file = tmp_path / "plan.json"
+    options = ("--commonroad-solution", tmp_path / "s.xml", "--commonroad-model", "KST", "--no-bound")
+    done = run("plan", road_file, *options, "-o", file)
     assert done.exit_code == 0, done.output
-    assert runner.invoke(app, ["check", str(road_file), str(file)]).exit_code == 0
+    assert run("check", road_file, file).exit_code == 0
     assert sp.Plan.load(file).commonroad == {
         **{"model": "KST", "car": "TRUCK", "problem": 7, "discs": 5},
         **{"state": 1, "timed_way": 1.0, "depth": 0.0, "turn": 0.9},
     }
     file.write_text(file.read_text().replace('"car": "TRUCK"', '"car": "VW_VANAGON"'))
-    refused = runner.invoke(app, ["check", str(road_file), str(file)])
+    refused = run("check", road_file, file)
     assert refused.exit_code == 2 and "model KST needs one of TRUCK" in " ".join(refused.output.split())
     file.write_text(file.read_text().replace('"discs": 5', '"discs": "many"'))
     with pytest.raises(sp.PlanError, match=r"commonroad.discs = 'many': expected an integer"):
