@@ -209,7 +209,6 @@ class InitialisedTracks:
     tracks: Sequence[ObstacleTrack]
     motions: PolynomialMotions
     suspected: Mask  # (K,) True where a change of acceleration is likely, but not sure
-    banked: bool
     sizing: Sizing | None
 
     def zones(self, start: float, level: Level) -> list[ThreatZone]:
@@ -220,7 +219,6 @@ class InitialisedTracks:
         for k, (track, zone) in enumerate(zip(self.tracks, zones, strict=True)):
             track.suspected = bool(self.suspected[k])
             track.zone = zone if otherwise[k] or track.bounded else None
-            track.predictions.clear() if self.banked else track.keep_prediction()
         return zones
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.online.track import ObstacleTrack, slots_of
+from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.reach import VELOCITY_SHARE, Reach, within_reach
@@ -20,7 +20,7 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors, alpha_of_one, uniform_scale
 from scp_planner.tracking.mixtures import Mixture, even
 from scp_planner.tracking.motion_estimate import standardised_speed
-from scp_planner.tracking.predictions import Later, Pieces, Prediction
+from scp_planner.tracking.predictions import Later, Prediction, PredictionKind
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 
@@ -137,7 +137,7 @@ def made_zones(
 ) -> list[ThreatZone]:
     """Zones of covariances that are so many times those of a future, and what is seen next is expected by it."""
     start = float(future.breaks[0])
-    center, covariance = _predicted(tracks, future, sizing, soon)
+    near = soon or future
     scaled = scales[:, None, None, None] * future.covariances
     breaks = future.breaks[None]
     sized: dict[int, PiecewisePolynomials] = {}
@@ -149,8 +149,11 @@ def made_zones(
     zones = []
     for k, (track, path, spread) in enumerate(zip(tracks, future.centers[:, None], scaled[:, None], strict=True)):
         centers = PiecewisePolynomials(breaks, path)
-        later = None if soon is None else Later(centers, PiecewisePolynomials(breaks, future.covariances[k, None]))
-        track.predicted = Prediction(start, center[k], covariance[k], _NORMAL, later)
+        later = None if soon is None else Later(future.breaks, future.centers[k], future.covariances[k])
+        kind = PredictionKind.BELIEVED if sizing is None else int(sizing.kinds[k])
+        track.predicted = Prediction(start, near.centers[k, 0], near.covariances[k, 0], _NORMAL, kind, later)
+        if sizing is not None:
+            track.keep_prediction()
         zone = ThreatZone(
             track.id,
             track.body.radius + track.margin,
@@ -172,23 +175,6 @@ def _reach(zone: ThreatZone, rate: Array, level: Level, bounds: tuple[float, flo
     error = math.sqrt(_NORMAL.pointwise_scale(VELOCITY_SHARE * level.alpha) * np.linalg.eigvalsh(rate)[-1])
     assert zone.covariances is not None, "its motion is estimated"
     return Reach(start, position, velocity, zone.covariances.coefficients[0, 0, 0], error, *bounds)
-
-
-def _predicted(
-    tracks: Sequence[ObstacleTrack], future: Future, sizing: Sizing | None, soon: Future | None
-) -> tuple[Array, Array]:
-    """Let the bank of some tracks know what is predicted; centers and covariances of what is seen next."""
-    first, near = tracks[0].estimator, soon or future
-    center, covariance = near.centers[:, 0], near.covariances[:, 0]
-    if first is not None and first.bank is not None:
-        told = first.bank.predictions
-        slots = slots_of(tracks)
-        told.put(slots, float(future.breaks[0]), center, covariance)
-        if sizing is not None:
-            told.kinds[slots] = sizing.kinds
-            if soon is not None:
-                told.put_later(Pieces(slots, future.breaks, future.centers, future.covariances))
-    return center, covariance
 
 
 def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from scp_planner.online.initialised_tracks import (
 )
 from scp_planner.online.many_zones import Level
 from scp_planner.online.newcomer_zones import newcomers_together
-from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
+from scp_planner.online.regions import RegionSizes
 from scp_planner.online.track import (
     TRACKS,
     GivenZones,
@@ -56,7 +56,7 @@ from scp_planner.tracking.estimators import MOST_LATE, NoticingTrack, Polynomial
 from scp_planner.tracking.mixtures import FilterModels
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.tracking.noticing import Bank
-from scp_planner.tracking.predictions import Prediction
+from scp_planner.tracking.predictions import Prediction, PredictionKind
 from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
 from scp_planner.tracking.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
@@ -286,9 +286,6 @@ class ObstacleTracks:
         alone = [track for track in tracks if track.fixed is None and track.id not in made]
         if alone:
             made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
-        if self.sizes is not None:
-            for bank in self._banks.values():
-                bank.predictions.keep(start)
         uncertain = level.estimated
         every = ((made[track.id],) if track.fixed is None else self._given(track, uncertain) for track in tracks)
         return tuple(chain.from_iterable(every))
@@ -311,11 +308,10 @@ class ObstacleTracks:
             made.update(zip((track.id for track in settled.tracks), zones, strict=True))
         for order, some in kinds[TrackKind.ALARMED].items():
             deviation = self.newcomers.acceleration_deviation if self.settings.changes > 0.0 else 0.0
-            sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
+            sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), PredictionKind.NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
-                track.predictions.clear()
         for order, some in kinds[TrackKind.NEW].items():
             for track in some:
                 track.zone = None
@@ -327,9 +323,10 @@ class ObstacleTracks:
         changes = self._change_hypotheses(tracks, level) if banked else None
         motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, changes)
         suspected = np.zeros(len(tracks), dtype=bool) if changes is None else changes.probability > 0.0
-        kinds = np.where(suspected, NOTICED, BELIEVED if banked else ALONE)
+        usual = PredictionKind.BELIEVED if banked else PredictionKind.ALONE
+        kinds = np.where(suspected, PredictionKind.NOTICED, usual)
         sizing = None if self.sizes is None else self.sizes.of(tracks, kinds)
-        return InitialisedTracks(tracks, motions, suspected, banked, sizing)
+        return InitialisedTracks(tracks, motions, suspected, sizing)
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         estimators = [track.estimator for track in tracks]
@@ -398,10 +395,10 @@ class ObstacleTracks:
         """The region of one track, as its model has it."""
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
-        track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
+        track.predicted = Prediction(
+            start, pieces.center[0], pieces.covariance[0], estimate.errors, PredictionKind.ALONE
+        )
         track.seen_noise = estimate.noise_covariance if track.estimates_noise else None
-        if track.estimator is not None and track.estimator.bank is not None:
-            track.estimator.bank.predictions.put(slots_of([track]), start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin, track.model.bounds)
         return estimated_region(shaped, estimate, self.confidence, level.estimated, start)

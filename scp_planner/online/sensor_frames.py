@@ -10,6 +10,7 @@ import numpy as np
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import ObstacleTrack, Seen, slots_of
 from scp_planner.tracking.noticing import Bank
+from scp_planner.tracking.predictions import misfits
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
@@ -45,7 +46,8 @@ def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTra
     gate = obstacles.settings.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])
     if gate > 0.0:
-        usual &= bank.misfits(slots, times, positions) <= -2.0 * math.log(gate)
+        squares = misfits([track.predicted for track in tracks], times, positions, bank.noise_of(slots))
+        usual &= squares <= -2.0 * math.log(gate)
     left: list[int] = np.flatnonzero(~usual).tolist()
     if left:
         some = np.flatnonzero(usual).tolist()

@@ -166,8 +166,16 @@ class ObstacleTrack:
 
     def keep_prediction(self) -> None:
         """Keep what is predicted of it, to see what comes of that."""
-        if self.predicted is not None:
-            self.predictions.append(self.predicted)
+        told = self.predicted
+        if told is not None:
+            while self.predictions and self.predictions[-1].origin >= told.origin:
+                self.predictions.pop()
+            self.predictions.append(told)
+
+    def prediction_before(self, time: float) -> Prediction | None:
+        """The newest prediction that was kept by a time, s."""
+        place = bisect(self.predictions, time, key=attrgetter("origin"))
+        return self.predictions[place - 1] if place else None
 
     @property
     def simple(self) -> bool:
@@ -228,6 +236,8 @@ class ObstacleTrack:
         if self.estimator is not None:
             self.estimator.close()
         self.estimator = self.make(self)
+        if self.estimator.bank is not None:
+            self.predictions.clear()
         return self.estimator
 
     def follow(self, given: Estimate) -> None:
@@ -236,6 +246,7 @@ class ObstacleTrack:
             self.estimator.close()
         self.fixed = self.estimator = self.predicted = self.zone = None
         self.given, self.suspects = given, []
+        self.predictions.clear()
         self.history = [Seen(given.time, given.position)]  # so it is known when it was heard of last
 
     def forsake_tracker(self) -> None:

@@ -14,7 +14,6 @@ from scp_planner.tracking.change_hypotheses import Measurements
 from scp_planner.tracking.innovations import INNOVATIONS, tested
 from scp_planner.tracking.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.tracking.oscillators import SlotStates, SwingStates
-from scp_planner.tracking.predictions import Predictions, lengthen
 from scp_planner.tracking.recursive import RecursiveEstimator
 from scp_planner.tracking.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.tracking.tolerances import PROBABILITY
@@ -40,7 +39,6 @@ class Bank:
         self.noise = 1.0
         self.polynomials = RecursiveEstimator(0, order, np.zeros((0, 2, 2)))
         self.states, self.swings = FilterStates.none(widening.diffusions), SwingStates.none(widening.swings)
-        self.predictions = Predictions()
         levels, self._walks = widening.size, len(widening.diffusions)
         self.count, self._since = np.zeros((2, 0), dtype=np.intp)  # Measurements in all, and since an alarm
         self.alarmed = np.zeros(0, dtype=bool)
@@ -69,7 +67,6 @@ class Bank:
     def clear(self, slot: int) -> None:
         """Forget all that was seen of the obstacle in a slot."""
         self.polynomials.reset(slot)
-        self.predictions.clear(slot)
         for array in (self.count, self._since, self.alarmed, self.weights, self.trend):
             array[..., slot] = 0
         for ring in (self._innovations, self._evidence):
@@ -92,8 +89,11 @@ class Bank:
         self.polynomials.grow(size)
         self.states.grow(size)
         self.swings.grow(size)
-        lengthen(self.predictions, size)
-        lengthen(self, size)
+        for name, array in vars(self).items():
+            if isinstance(array, np.ndarray):
+                longer = np.zeros((*array.shape[:-1], size), dtype=array.dtype)
+                longer[..., : array.shape[-1]] = array
+                setattr(self, name, longer)
 
     def _declared(self, slots: Index) -> Array:
         """Covariances of the noise of some obstacles, as they are declared, (n, 2, 2) m^2."""
@@ -101,10 +101,6 @@ class Bank:
 
     def noise_of(self, slots: Index) -> Array:
         return self.noise * self._declared(slots)
-
-    def misfits(self, slots: Index, times: Array, positions: Array) -> Array:
-        """Squared standardised errors of what was predicted of what is seen, (n,); see `Predictions.squares`."""
-        return self.predictions.squares(slots, times, positions, self.noise_of(slots))
 
     def is_declared(self, slots: Index, covariances: Sequence[Array | None]) -> Mask:
         """True if observations of some obstacles, (n,), come with the covariance that is known, or without one."""
