@@ -127,16 +127,12 @@ def check_suffix(path: str | PathLike[str], suffixes: Sequence[str]) -> str:
     return suffix
 
 
-def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a table for a terminal: the first column to the left, the others to the right."""
-    widths = [max(len(row[column]) for row in [heads, *rows]) for column in range(len(heads))]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(width) if column else cell.ljust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in [heads, *rows]
-    )
+def text_table(rows: Sequence[Sequence[str]], aligned: str = ">") -> str:
+    """Write a table for a terminal: the first column to the left, the others to the right, or as is said."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = ["<", *aligned * (len(widths) - 1)]
+    lines = ([f"{c:{side}{w}}" for c, side, w in zip(row, sides, widths, strict=True)] for row in rows)
+    return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
 def regular_target(path: str | PathLike[str]) -> Path:

@@ -270,7 +270,7 @@ def summary_table(trials: Sequence[Trial]) -> str:
     told = (
         "excess: how much longer certified trips take than the best one of their scenario, median; worst: the largest"
     )
-    return f"{text_table(heads, rows)}\n{told}"
+    return f"{text_table([heads, *rows])}\n{told}"
 
 
 def trial_record(trial: Trial) -> dict[str, str | int | float | bool]:

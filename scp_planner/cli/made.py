@@ -144,7 +144,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
         ]
         for row in rows
     ]
-    return text_table(heads, lines)
+    return text_table([heads, *lines])
 
 
 # The command that writes plans and runs for other programs: export

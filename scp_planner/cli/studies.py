@@ -27,6 +27,7 @@ from scp_planner.cli.options import (
 )
 from scp_planner.cli.output import progress_bar, report, start_logging, tabulate, tell
 from scp_planner.errors import MISSING, Fault, TracksError
+from scp_planner.files import write_rows
 
 if TYPE_CHECKING:
     from scp_planner.studies.coverage import Coverage
@@ -124,7 +125,7 @@ def coverage(
     loaded = [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in tracks or ()]
     results = _simulated(probability, runs, seed, printing.quiet)
     output.mkdir(exist_ok=True)
-    simulated.save_csv(results, output / "coverage.csv")
+    write_rows(output / "coverage.csv", simulated.Coverage, results)
     written = [output / "coverage.csv"]
     tables = [simulated.summary(results)]
     records: dict[str, Any] = {"simulated": [asdict(row) for row in results]}
@@ -137,7 +138,7 @@ def coverage(
             for name, own in loaded
             for row in recorded.measure_recorded_coverage(own, data=name, window=window, probability=probability)
         ]
-        recorded.save_csv(measured, output / "recorded.csv")
+        write_rows(output / "recorded.csv", recorded.RecordedCoverage, measured)
         written.append(output / "recorded.csv")
         tables.append(recorded.summary(measured))
         records["recorded"] = [asdict(row) for row in measured]
@@ -170,7 +171,7 @@ def _coverage_of_model(model: str, tracks: list[Path], probability: float, outpu
     name = Path(model).stem
     measured = recorded.measure_model(Tracks.joined(tracks), process, data=name, name=name, probability=probability)
     output.mkdir(exist_ok=True)
-    recorded.save_csv(measured, output / "recorded.csv")
+    write_rows(output / "recorded.csv", recorded.RecordedCoverage, measured)
     tabulate({"recorded": [asdict(row) for row in measured]}, recorded.summary(measured), printing)
     _tell_written([output / "recorded.csv"], printing)
 

@@ -13,7 +13,7 @@ from scp_planner.scenario.models import Confidence, Goal, Model, Scenario, Start
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.settings.online import GiveWay, OnlineSettings, Regions
-from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
+from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople, on_circle
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import SimulationSettings
 
@@ -113,7 +113,7 @@ def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
     rng = np.random.default_rng([seed, 0])
 
     def draw(_: int) -> tuple[Array, Array]:
-        start = _on_circle(rng, CROWDS.circle) + CROWDS.jitter * rng.uniform(-0.5, 0.5, 2)
+        start = on_circle(rng, CROWDS.circle) + CROWDS.jitter * rng.uniform(-0.5, 0.5, 2)
         return start, -start
 
     return _crossing(f"circle-{people}-{seed}", draw, people, sees_vehicle)
@@ -141,7 +141,7 @@ def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> E
     radii, speeds = rng.uniform(*CROWDS.arena_radii, people), rng.uniform(*CROWDS.arena_speeds, people)
 
     def draw(k: int) -> tuple[Array, Array]:
-        place = _on_circle(rng, CROWDS.arena_circle) + speeds[k] * rng.uniform(-0.5, 0.5, 2)
+        place = on_circle(rng, CROWDS.arena_circle) + speeds[k] * rng.uniform(-0.5, 0.5, 2)
         return place, -place
 
     places, goals = _placed(draw, radii, (start, goal), CROWDS.arena_gap)
@@ -187,11 +187,6 @@ def _placed(
         if draws > CROWDS.most_draws:
             raise ValueError(f"people: there is no room for {len(radii)}")
     return np.array(starts[1:]).reshape(-1, 2), np.array(goals[1:]).reshape(-1, 2)
-
-
-def _on_circle(rng: np.random.Generator, radius: float) -> Array:
-    angle = rng.uniform(0.0, 2.0 * math.pi)
-    return radius * np.array([math.cos(angle), math.sin(angle)])
 
 
 def _task(name: str, start: Array, goal: Array) -> Scenario:

@@ -15,7 +15,7 @@ from scp_planner.simulation.sensors import Observation
 from scp_planner.threat_zones.zone import ThreatZone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """State of the vehicle at a replan."""
 
@@ -23,17 +23,13 @@ class State:
     position: tuple[float, float]  # m
     heading: float  # Of the vehicle's front, rad
     speed: float  # m/s, negative backwards
-    wall_time: float  # Of the replan, s
+    wall_time: float = 0.0  # Of the replan, s
 
 
-@dataclass(frozen=True, eq=False)
-class Cycle:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cycle(State):
     """One cycle: what was seen, what came of it, and how near it was."""
 
-    time: float  # s
-    position: tuple[float, float]  # m
-    heading: float  # Of the vehicle's front, rad
-    speed: float  # m/s, negative backwards
     outcome: str
     status: str
     certified: bool
@@ -45,7 +41,6 @@ class Cycle:
     zones: tuple[ThreatZone, ...]  # As they were when this was planned, with the planner's margin
     truth: tuple[tuple[str, tuple[float, float]], ...]
     clearance: float  # Least distance to a true obstacle up to the next cycle, m; inf without any
-    wall_time: float = 0.0
     code: str = ""  # Kind of the reason
     obstacle: str | None = None  # That it is for
     lasts: float | None = None  # For how long it is likely to hold, s

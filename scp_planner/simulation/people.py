@@ -151,6 +151,11 @@ class RestlessPeople(OrcaPeople):
         super().decide(vehicle)
 
     def _goal(self, speed: float) -> Array:
-        angle = self.rng.uniform(0.0, 2.0 * math.pi)
-        jitter = self.rng.uniform(-0.5, 0.5, 2) * self.restlessness.spread * speed
-        return self.restlessness.circle * np.array([math.cos(angle), math.sin(angle)]) + jitter
+        goal = on_circle(self.rng, self.restlessness.circle)
+        return goal + self.rng.uniform(-0.5, 0.5, 2) * self.restlessness.spread * speed
+
+
+def on_circle(rng: np.random.Generator, radius: float) -> Array:
+    """Draw a point of a circle round the origin, (2,) m."""
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    return radius * np.array([math.cos(angle), math.sin(angle)])

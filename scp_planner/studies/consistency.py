@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
-from scp_planner.files import regular_target, write_rows
+from scp_planner.files import regular_target, text_table, write_rows
 from scp_planner.studies.field import (
     METRICS,
     BorderPoint,
@@ -341,13 +341,13 @@ class ConsistencyResult:
         return "\n".join(
             [
                 "Slopes over n, from where all minimisers are on the same way:",
-                *_lines([heads, *rows]),
+                text_table([heads, *rows], "<"),
                 "",
                 "Minimisers on another way:",
-                *_lines(self._shares()),
+                text_table(self._shares(), "<"),
                 "",
                 f"Slopes over n >= {self.settings.fit_from}, of all minimisers | of those on the same way:",
-                *_lines(self._both_slopes()),
+                text_table(self._both_slopes(), "<"),
             ]
         )
 
@@ -376,13 +376,6 @@ class ConsistencyResult:
                 cells.append(" | ".join("-" if slope is None else f"{slope.slope:.2f}" for slope in pair))
             rows.append([kind.value, f"{noise:g} m", *cells])
         return rows
-
-
-def _lines(rows: list[list[str]]) -> Iterator[str]:
-    """Lines of a table whose columns are as wide as they need to be."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 def _band(resampled: Array) -> tuple[Array, Array]:

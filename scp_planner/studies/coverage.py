@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.files import write_rows
 from scp_planner.tracking.confidence import LEVELS, region_scale
 from scp_planner.tracking.maximum_likelihood import estimate_motion
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
@@ -188,11 +187,6 @@ def _coverage(case: _Case, level: str, lead: float, inside: int, runs: int, scal
         runs=runs,
         scale=scale,
     )
-
-
-def save_csv(results: Sequence[Coverage], path: str | PathLike[str]) -> None:
-    """Write results as CSV, whole or not at all; floats keep every bit."""
-    write_rows(path, Coverage, results)
 
 
 def summary(results: Sequence[Coverage]) -> str:

@@ -13,7 +13,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.coordinates import path_scaling
+from scp_planner.baseline.coordinates import Coordinates
 from scp_planner.baseline.objective import PenalisedObjective
 from scp_planner.baseline.priced import soft_excess, uniform
 from scp_planner.problem.build import build_problem
@@ -154,7 +154,6 @@ class Study:
         self.settings = settings
         self.scenario = field_scenario()
         self.problem = build_problem(self.scenario, zones(self.scenario), PLANNER)
-        self.scaling = path_scaling(self.problem)
         self.truth = self.objective(self.problem)
         self.minima = self._minima()
         self.minimiser = self.minima[0]
@@ -170,23 +169,16 @@ class Study:
         """Return the local minimiser in the box of accelerations that L-BFGS-B finds from omega."""
         from scipy.optimize import minimize
 
-        free, limits = objective.path_size, self.problem.limits
-        bounds = [(None, None)] * free + [(-limits.deceleration, limits.acceleration)] * (objective.size - free)
+        coordinates = Coordinates(self.problem, objective.trajectory(omega))
+        bounds = list(zip(coordinates.lower, coordinates.upper, strict=True))
 
         def scaled(y: Array) -> tuple[float, Array]:
-            moved = y.copy()
-            moved[:free] = omega[:free] + self.scaling @ y[:free]
-            found = objective.evaluate(moved)
-            slope = found.gradient.copy()
-            slope[:free] = self.scaling.T @ slope[:free]
-            return found.value, slope
+            found = objective.evaluate(coordinates.omega(y))
+            return found.value, coordinates.slope(found.gradient)
 
-        y = np.concatenate([np.zeros(free), omega[free:]])
         options = {"maxcor": 40, "maxfun": 1000, "maxiter": 1000, "ftol": precision.value, "gtol": precision.gradient}
-        y = minimize(scaled, y, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-        result = y.copy()
-        result[:free] = omega[:free] + self.scaling @ y[:free]
-        return result
+        found = minimize(scaled, coordinates.origin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        return coordinates.omega(found.x)
 
     def _minima(self) -> list[Array]:
         """The lowest different local minima of Q, from different ways round."""

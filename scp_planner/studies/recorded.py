@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.files import write_rows
 from scp_planner.scenario.process_model import ProcessModel, Tails
 from scp_planner.tracking.confidence import HotellingErrors, NormalErrors, StudentErrors, uniform_scale
 from scp_planner.tracking.kalman import estimate_process
@@ -222,11 +220,6 @@ def _measured(data: str, probability: float, fold: int, samples: Sequence[_Sampl
         predictions=len(inside),
         tracks=len(of_track),
     )
-
-
-def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> None:
-    """Write results as CSV, whole or not at all; floats keep every bit."""
-    write_rows(path, RecordedCoverage, results)
 
 
 def summary(results: Sequence[RecordedCoverage]) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from scp_planner.files import write_rows
 from scp_planner.studies.coverage import (
     Coverage,
     measure_coverage,
     plot_coverage,
-    save_csv,
     squares_at,
     standardised_errors,
     summary,
@@ -118,7 +118,7 @@ def test_wilson_interval(successes: int, runs: int) -> None:
 
 def test_results_are_saved_exactly_and_drawn(tmp_path: Path) -> None:
     results = measure_coverage(runs=100, counts=(6, 20))
-    save_csv(results, tmp_path / "coverage.csv")
+    write_rows(tmp_path / "coverage.csv", Coverage, results)
     with (tmp_path / "coverage.csv").open(newline="") as file:
         assert list(csv.DictReader(file)) == [
             {key: str(value) for key, value in asdict(one).items()} for one in results
