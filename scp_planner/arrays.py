@@ -1,4 +1,4 @@
-"""The kinds of arrays that signatures speak of, whose docstrings give shape and unit; and two products."""
+"""The kinds of arrays that signatures speak of, whose docstrings give shape and unit; and products of vectors."""
 
 from __future__ import annotations
 
@@ -14,6 +14,16 @@ def cross(one: Array, two: Array) -> Array:
     """Return the cross products of vectors (..., 2) in the plane, (...)."""
     product: Array = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     return product
+
+
+def unit_vectors(angle: Array) -> Array:
+    """Return the unit vectors (..., 2) in directions (...), rad."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def left_of(vector: Array) -> Array:
+    """Return vectors (..., 2), turned to the left by a right angle."""
+    return np.stack([-vector[..., 1], vector[..., 0]], axis=-1)
 
 
 def kronecker(one: Array, two: Array) -> Array:

@@ -167,9 +167,7 @@ def _kept(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], 
     kept = least_clearance(checked, pieces, discs, precision)
     if checked.scenario.ground is None:
         return kept
-    found = [kept, *(clear_of_cells(checked, pieces, disc, precision) for disc in discs)]
-    least = min(found, key=lambda one: one.clearance.minimum).clearance
-    return Kept(least, tuple(violation for one in found for violation in one.violations))
+    return Kept.of_all([kept, *(clear_of_cells(checked, pieces, disc, precision) for disc in discs)])
 
 
 def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions) -> Certificate | None:

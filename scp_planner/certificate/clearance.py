@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,13 +70,17 @@ class Kept:
     clearance: Clearance
     violations: tuple[Violation, ...] = ()
 
+    @classmethod
+    def of_all(cls, found: Sequence[Kept]) -> Kept:
+        """Return what is said of all at once."""
+        least = min(found, key=lambda one: one.clearance.minimum).clearance
+        return cls(least, tuple(violation for one in found for violation in one.violations))
+
 
 def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], precision: float) -> Kept:
     """Bound the clearance of a vehicle from all zones."""
     near = _near_batch(checked, max(float(disc.most_off.max(initial=0.0)) for disc in discs))
-    found = [_Search(checked, near, disc, precision).kept(pieces) for disc in discs]
-    least = min(found, key=lambda one: one.clearance.minimum).clearance
-    return Kept(least, tuple(violation for one in found for violation in one.violations))
+    return Kept.of_all([_Search(checked, near, disc, precision).kept(pieces) for disc in discs])
 
 
 def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:

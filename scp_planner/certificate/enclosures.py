@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, left_of
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.path import PathPoints
 
@@ -89,5 +89,5 @@ def disc_in_the_middle(path: PathPoints, speed: Array, curvature: Array, offset:
     velocity = speed[:, None] * unit
     if offset == 0.0:
         return path.position, velocity
-    across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    across = left_of(unit)
     return path.position + offset * unit, velocity + (offset * speed * curvature)[:, None] * across

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.certificate.tolerances import NORMAL_OFFSET
 from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.frames import directions_of, turned_back
@@ -52,7 +52,7 @@ def _directions(outline: Outline | None, corners: int) -> Array:
         beside = [(normals - NORMAL_OFFSET) % (2.0 * np.pi), (normals + NORMAL_OFFSET) % (2.0 * np.pi)]
         angles = np.concatenate([angles, *beside])
     angles = np.sort(angles)
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return unit_vectors(angles)
 
 
 def _farthest(outline: Outline, directions: Array) -> Array:

@@ -9,7 +9,7 @@ from math import atan2
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask, cross
+from scp_planner.arrays import Array, Index, Mask, cross, left_of
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.sampled_motion import SampledMotion
 from scp_planner.trips.tolerances import WITHOUT_DIRECTION
@@ -169,7 +169,7 @@ class PieceVelocities:
         turning = turn != 0.0
         course = self._courses[piece].copy()
         course[turning] = velocity[turning] / speed[turning, None]
-        across = np.stack([-course[:, 1], course[:, 0]], axis=1)
+        across = left_of(course)
         least = np.maximum(speed - bend * parts.half, self.slowest[piece])
         with np.errstate(divide="ignore", over="ignore"):
             rate = np.where(turning, turn / np.where(turning, speed, 1.0) ** 2, 0.0)

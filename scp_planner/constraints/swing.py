@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, left_of
 from scp_planner.trips.path import Path, PathPoints
 
 
@@ -27,7 +27,7 @@ class Swing:
         squared = points.speed * points.speed
         curvature = points.turning[:, 0]
         return cls(
-            np.stack([-unit[:, 1], unit[:, 0]], axis=1),
+            left_of(unit),
             points.slope * curvature / squared,
             points.stretch / squared,
         )

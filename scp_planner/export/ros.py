@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, left_of, unit_vectors
 from scp_planner.export.tables import SAMPLES, plan_table
 from scp_planner.files import replacing, temporary_folder
 
@@ -247,8 +247,8 @@ def _path(table: dict[str, NDArray[Any]], frame: str, epoch: float, time: float)
 def _trajectory(plan: Plan, table: dict[str, NDArray[Any]], frame: str, body: str, epoch: float) -> Any:
     heading, curvature = table["heading_rad"], table["curvature_per_m"]
     heading = np.where(plan.backward(table["time_s"]), heading + np.pi, heading)  # as it drives
-    forward = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
+    forward = unit_vectors(heading)
+    left = left_of(forward)
     acceleration = (
         table["acceleration_m_per_s2"][:, None] * forward + table["lateral_acceleration_m_per_s2"][:, None] * left
     )

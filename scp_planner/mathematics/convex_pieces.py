@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask, cross
 from scp_planner.mathematics.outlines import Outline
 
 
@@ -21,6 +21,12 @@ def convex_pieces(polygon: tuple[tuple[float, float], ...]) -> tuple[Outline, ..
         return (whole,)
     pieces = _joined(vertices, _ears(vertices))
     return tuple(Outline.polygon(vertices[piece]) for piece in pieces)
+
+
+def in_convex(polygon: Array, points: Array) -> Mask:
+    """True if points (n, 2) lie in a convex polygon, anticlockwise, (n,)."""
+    inside: Mask = np.all(cross(np.roll(polygon, -1, axis=0) - polygon, points[:, None] - polygon) >= 0.0, axis=1)
+    return inside
 
 
 def _cross(a: Array, b: Array, c: Array) -> Array:

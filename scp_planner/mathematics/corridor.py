@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, left_of
 from scp_planner.mathematics import planar
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.tolerances import COORDINATE_ROUNDING, UNCOVERED
@@ -171,7 +171,7 @@ class _Ring:
         self.edges = planar.edges(polygon)
         ends = np.array(self.edges)
         self._corners, along = ends[:, 0], ends[:, 1] - ends[:, 0]
-        self._normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+        self._normals = left_of(along) / np.hypot(*along.T)[:, None]
         self._offsets = np.einsum("ki,ki->k", self._normals, ends[:, 0])
         self._near = near
 
@@ -187,7 +187,7 @@ class _Ring:
         after = np.arange(1, len(corners) + 1)
         after[first + counts - 1] = first
         along = corners[after] - corners
-        normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        normals = left_of(along)
         own = normals @ self._corners.T - np.einsum("ki,ki->k", normals, corners)[:, None]
         lengths = np.hypot(along[:, 0], along[:, 1])
         # Edges of pieces may be as short as rounding: these have no direction to go by

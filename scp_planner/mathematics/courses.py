@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 
 LEAD = 1.0  # units of time; the first and the last piece go on for ever
@@ -41,7 +41,7 @@ def course_covariances(times: Sequence[float], covariances: Array) -> PiecewiseP
 def course_pointing(times: Sequence[float], headings: Sequence[float]) -> PiecewisePolynomials:
     """Return what moves in the direction of headings (n,) rad at times (n,) s; before and after them as at the ends."""
     clock, angles = np.array(times), np.array(headings)
-    unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    unit = unit_vectors(angles)
     pieces = np.zeros((len(clock) + 1, 3, 2))
     pieces[0, 1], pieces[1:, 1] = unit[0], unit
     pieces[1:-1, 2] = 0.5 * np.diff(unit, axis=0) / np.diff(clock)[:, None]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, unit_vectors
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
 from scp_planner.mathematics.tolerances import NEARLY_REAL, NO_LEAD, SHORTEST_COURSE
 
@@ -166,7 +166,7 @@ def _turned(course: PiecewisePolynomials, times: Array, first: Array, last: Arra
     way = np.append(0.0, np.cumsum(np.hypot(*np.diff(_at(course, times), axis=0).T)))
     share = way / way[-1] if way[-1] > 0.0 else (times - times[0]) / (times[-1] - times[0])
     angle = np.arctan2(first[1], first[0]) + turn * share
-    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    unit = unit_vectors(angle)
     return [
         (float(times[k]), _turning(unit[k], unit[k + 1], float(times[k + 1] - times[k]))) for k in range(len(times) - 1)
     ]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross, unit_vectors
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, far_ellipse_contact, support
 from scp_planner.mathematics.frames import covariance_turned_back
 from scp_planner.mathematics.tolerances import AT_VERTEX, STRAIGHT
@@ -318,7 +318,7 @@ def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
     tried = np.concatenate([grid, np.stack(angles, axis=1)], axis=1)
 
     def separation(angle: Array) -> Array:
-        nu = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        nu = unit_vectors(angle)
         extra = (1,) * (angle.ndim - 1)
         shaped = [values.reshape(len(values), *extra, values.shape[1]) for values in (offset, first, second)]
         gap: Array = (shaped[0] * nu).sum(axis=-1) - support(shaped[1], nu) - support(shaped[2], nu)
@@ -337,7 +337,7 @@ def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
         inner = np.where(left, np.stack([fresh, inner[0]]), np.stack([inner[1], fresh]))
         value = np.where(left, np.stack([found, value[0]]), np.stack([value[1], found]))
     angle = 0.5 * (low + high)
-    return Contact(separation(angle), np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return Contact(separation(angle), unit_vectors(angle))
 
 
 def _rotation(angle: float) -> Array:
@@ -351,7 +351,7 @@ def _tidy(vertices: Array) -> Array:
         vertices = vertices[::-1]
     while len(vertices) > 3:
         before, after = vertices - _last(vertices), _next(vertices) - vertices
-        turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        turn = cross(before, after)
         straight = np.abs(turn) <= STRAIGHT * np.hypot(*before.T) * np.hypot(*after.T)
         if not straight.any():
             break

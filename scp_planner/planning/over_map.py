@@ -12,6 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.mathematics.convex_pieces import in_convex
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import points_at
@@ -142,11 +143,7 @@ class CorridorSearch:
         along = np.concatenate([[0.0], np.cumsum(steps)])
         at = np.arange(0.0, along[-1], self.scenario.vehicle.radius)
         places = points_at(at, along, line)
-        held = np.zeros(len(places), dtype=bool)
-        for piece in self.grown:
-            edges = np.roll(piece, -1, axis=0) - piece
-            held |= (_cross(edges, places[:, None] - piece) >= 0.0).all(axis=1)
-        return bool(held.all())
+        return bool(np.any([in_convex(piece, places) for piece in self.grown], axis=0).all())
 
     def _along(self, lines: Sequence[Array], along: Array | None = None) -> None:
         """Plan in the ground along some polylines, at first along one of them, and keep the better plan."""
@@ -163,11 +160,6 @@ class CorridorSearch:
             self.best = found
         elif found.certified and found.travel_time < best.travel_time:
             self.best = found
-
-
-def _cross(one: Array, other: Array) -> Array:
-    found: Array = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    return found
 
 
 def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape]) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ BORDERS = BorderParameters()
 def body_of(shape: Shape) -> tuple[Array, bool]:
     """Vertices of a shape, (k, 2) m, at heading 0 if it turns with the heading, and whether it does."""
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    circle = unit_vectors(angles)
     if isinstance(shape, Disc):
         return shape.disc * circle, False
     if isinstance(shape, Ellipse | Rectangle):

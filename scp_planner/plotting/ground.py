@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array
+from scp_planner.mathematics.convex_pieces import in_convex
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.recording import Recording
@@ -92,7 +93,7 @@ def slow_cells(recording: Recording, x: Array, y: Array) -> Array:
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     limits = limits_at(recording.stretches, points)
     if recording.corridor:
-        limits[~np.any([_inside(points, polygon) for polygon in recording.corridor], axis=0)] = np.inf
+        limits[~np.any([in_convex(polygon, points) for polygon in recording.corridor], axis=0)] = np.inf
     if recording.bounds is not None:
         corner, opposite = recording.bounds
         limits[((points < corner) | (points > opposite)).any(axis=1)] = np.inf
@@ -125,15 +126,6 @@ def path_of(bits: Array) -> Path:
     from matplotlib.path import Path
 
     return Path(bits.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(bits)))
-
-
-def _inside(points: Array, polygon: Array) -> Mask:
-    """True if points (n, 2) lie in a convex polygon, anticlockwise, (n,)."""
-    sides = np.roll(polygon, -1, axis=0) - polygon
-    offset = points[:, None] - polygon
-    leftward = sides[:, 0] * offset[..., 1] - sides[:, 1] * offset[..., 0]
-    inside: Mask = np.all(leftward >= 0.0, axis=1)
-    return inside
 
 
 def _forbid_box(axes: Axes, low: Array, high: Array, zorder: float) -> None:

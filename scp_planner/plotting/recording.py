@@ -313,7 +313,7 @@ def profiles_of(
 
 
 def clearance_of(several: Sequence[ThreatZone], time: Array, discs: Sequence[Array], radius: float) -> Array:
-    """Clearance of a vehicle to an obstacle's zones, (n,) m, at times (n,) s with discs at (n, 2) m each."""
+    """Clearance of a vehicle to an obstacle's zones, (...) m, at times (...) s with discs at (..., 2) m each."""
     clearance: Array = np.min([zone.signed_distance(time, disc) for zone in several for disc in discs], axis=0) - radius
     return clearance
 

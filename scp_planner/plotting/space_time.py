@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.plotting.ground import SLOW_LOOK
-from scp_planner.plotting.recording import ground_of
+from scp_planner.plotting.recording import clearance_of, ground_of
 from scp_planner.plotting.run_recording import names_of
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
@@ -149,7 +149,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     driven = lengths_along(run.position)
     time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
     points = points_at(stations, driven, run.position)
-    ahead = _unit(np.interp(stations, driven, np.unwrap(run.heading)))
+    ahead = unit_vectors(np.interp(stations, driven, np.unwrap(run.heading)))
     regions = _known_regions(run, time, points, ahead, far=float(driven[-1]))
     colours = _colours(names_of(run), run.scenario)
     epoch = clock_of(time)
@@ -202,13 +202,13 @@ def _panels(plan: Plan, time: Array, least_reach: float) -> tuple[_Panel, _Panel
     fine = np.linspace(plan.start_time, plan.arrival_time, 10 * GRID)
     runs = plan.trip.at(fine)[0].distance
     path = points_at(stations, runs, plan.position(fine))
-    ahead = _unit(np.interp(stations, runs, np.unwrap(plan.heading(fine))))
+    ahead = unit_vectors(np.interp(stations, runs, np.unwrap(plan.heading(fine))))
     normal = plan.trip.frame.vectors_to_world(np.broadcast_to(trip.path.normal, position.shape))
     guide = position - trip.path.offset[:, None] * normal
     reach = max(1.4 * float(np.abs(trip.path.offset).max()), least_reach)
     offsets, grid = np.linspace(-reach, reach, GRID), (GRID, GRID, 2)
     across = guide[None] + offsets[:, None, None] * normal[None]
-    own_ahead = np.broadcast_to(_unit(plan.heading(time))[None], grid)
+    own_ahead = np.broadcast_to(unit_vectors(plan.heading(time))[None], grid)
     along, along_ahead = np.broadcast_to(path[:, None], grid), np.broadcast_to(ahead[:, None], grid)
     return (
         _Panel("distance along the path", stations, trip.distance, along, along_ahead),
@@ -241,17 +241,8 @@ def _colours(names: Iterable[str], scenario: Scenario) -> dict[str, str]:
 
 def _clearance(several: Sequence[ThreatZone], vehicle: Vehicle, time: Array, place: Array, ahead: Array) -> Array:
     """Clearance of a vehicle at places (..., 2) m that looks in directions (..., 2), at times (...) s, to zones, m."""
-    distances = [
-        zone.signed_distance(time, place + offset * ahead if offset else place)
-        for zone in several
-        for offset in vehicle.discs
-    ]
-    clearance: Array = np.min(distances, axis=0) - vehicle.radius
-    return clearance
-
-
-def _unit(angle: Array) -> Array:
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    discs = [place + offset * ahead if offset else place for offset in vehicle.discs]
+    return clearance_of(several, time, discs, vehicle.radius)
 
 
 def _draw_slow(axes: Axes, scenario: Scenario, stations: Array, points: Array) -> None:

@@ -12,7 +12,7 @@ from math import inf, pi
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, unit_vectors
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 
@@ -117,9 +117,9 @@ class _Steps:
     def ahead_of(self, pose: Array, free: Mask) -> tuple[Index, Array, Index]:
         """Return the steps over free cells: from which of some poses (n, 3), to which poses, and along which bends."""
         chord = pose[:, 2, None, None] + self.half  # (n, checks, bends)
-        place = pose[:, None, None, :2] + self.ahead[..., None] * np.stack([np.cos(chord), np.sin(chord)], axis=-1)
+        place = pose[:, None, None, :2] + self.ahead[..., None] * unit_vectors(chord)
         heading = chord + self.half
-        nose = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        nose = unit_vectors(heading)
         clear = np.ones((len(pose), len(self.pace)), dtype=bool)
         most = np.array(free.shape[::-1]) - 1
         for disc in self.discs:

@@ -14,7 +14,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.pauses import pause
 from scp_planner.routes.reeds_shepp import along, words
 from scp_planner.scenario.models import Scenario
@@ -119,7 +119,7 @@ class Room:
     def least(self, poses: Array) -> Array:
         """Least room of the vehicle's discs at poses (..., 3), (...) m; negative beyond the raster."""
         heading = poses[..., 2, None]
-        places = poses[..., None, :2] + self._discs[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        places = poses[..., None, :2] + self._discs[:, None] * unit_vectors(heading)
         at = (places - self._low) / self._step
         last = np.array(self._room.shape) - 2
         cell = np.clip(at.astype(int), 0, last)

@@ -8,7 +8,7 @@ from math import ceil, pi
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, cross, unit_vectors
 from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.frames import directions_of
 from scp_planner.mathematics.outlines import Outline
@@ -81,7 +81,7 @@ def polygons_around(shapes: Sequence[StandingShape], points: Array) -> list[Arra
 def _apart(shapes: Sequence[StandingShape], count: int) -> list[list[Array]]:
     """Directions in which each of the first shapes is the farthest away from others near to it."""
     angles = 2.0 * pi * np.arange(OUTLINES.fan) / OUTLINES.fan
-    fan = _units(angles)
+    fan = unit_vectors(angles)
     heights = np.array([shape.support(fan) for shape in shapes])
     opposite = np.roll(heights, OUTLINES.fan // 2, axis=1)  # in the direction -n
     found: list[list[Array]] = [[] for _ in shapes]
@@ -91,7 +91,7 @@ def _apart(shapes: Sequence[StandingShape], count: int) -> list[list[Array]]:
     best = np.argmax(-opposite[other] - heights[one], axis=1)
     step = 2.0 * pi / OUTLINES.fan
     for k, j, place in zip(one.tolist(), other.tolist(), best.tolist(), strict=True):
-        closer = _units(angles[place] + np.linspace(-step, step, OUTLINES.closer))
+        closer = unit_vectors(angles[place] + np.linspace(-step, step, OUTLINES.closer))
         normals = [shape.outline.normals for shape in (shapes[k], shapes[j]) if shape.outline is not None]
         closer = np.concatenate([closer, *[sign * each for each in normals for sign in (1.0, -1.0)]])
         gaps = -shapes[j].support(-closer) - shapes[k].support(closer)
@@ -127,23 +127,19 @@ def _polygon(shape: StandingShape, apart: Sequence[Array]) -> Array:
     angles = np.concatenate(
         [first + gap * np.arange(n) / n for first, gap, n in zip(angles.tolist(), gaps.tolist(), parts, strict=True)]
     )
-    normals = _units(angles)
+    normals = unit_vectors(angles)
     after = np.roll(normals, -1, axis=0)
     height = shape.support(normals)
     ahead = np.roll(height, -1)
-    turn = normals[:, 0] * after[:, 1] - normals[:, 1] * after[:, 0]
+    turn = cross(normals, after)
     keep = turn > 1e-7
     if not keep.all():  # sides in nearly one direction: the first of them
         normals, height = normals[keep], height[keep]
         after, ahead = np.roll(normals, -1, axis=0), np.roll(height, -1)
-        turn = normals[:, 0] * after[:, 1] - normals[:, 1] * after[:, 0]
+        turn = cross(normals, after)
     x = (height * after[:, 1] - ahead * normals[:, 1]) / turn
     y = (ahead * normals[:, 0] - height * after[:, 0]) / turn
     corners = np.stack([x, y], axis=1)
     size = float(np.abs(corners - corners[0]).max())
     apart_by = np.abs(corners - np.roll(corners, 1, axis=0)).max(axis=1)
     return corners[apart_by > OUTLINES.same * size]
-
-
-def _units(angles: Array) -> Array:
-    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)

@@ -9,7 +9,7 @@ from math import ceil, cos, hypot, sin, sqrt
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, unit_vectors
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.pauses import pause
 from scp_planner.routes.drivable import drivable_route
@@ -98,7 +98,7 @@ class MapRoutes:
             half = 0.5 * (np.array(bounds.max) - bounds.min) - self.radius
             _keep(coarse, free, np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), centre, np.tile(half, 2))
         angles = 2.0 * np.pi * np.arange(MAPS.sides) / MAPS.sides
-        fan = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        fan = unit_vectors(angles)
         for shape in self.standing:
             heights = shape.support(fan) - fan @ shape.centre + self.radius
             _take_out(coarse, free, fan, shape.centre, heights)

@@ -15,7 +15,7 @@ from math import inf, pi
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.pauses import pause
 from scp_planner.routes.manoeuvres import Manoeuvre
 from scp_planner.scenario.models import Scenario
@@ -261,7 +261,7 @@ class Drive:
         turned = np.concatenate([np.zeros((1, len(self.x))), np.cumsum(turning, axis=0)])
         middle = turned[:-1] + 0.5 * turning
         angle = self.poses[:-1, 2] + 0.5 * steps * bends
-        ahead, aside = np.stack([np.cos(angle), np.sin(angle)], 1), np.stack([-np.sin(angle), np.cos(angle)], 1)
+        ahead, aside = unit_vectors(angle), np.stack([-np.sin(angle), np.cos(angle)], 1)
         moved = (steps[:, None] * aside)[:, :, None] * middle[:, None, :]
         moved[np.arange(count), :, length] += each[:, None] * ahead
         places = np.concatenate([np.zeros((1, 2, len(self.x))), np.cumsum(moved, axis=0)])
@@ -379,7 +379,7 @@ class Drive:
     def _disc(self, offset: float) -> Array:
         """Centres of a disc at all places, (m, 2)."""
         poses = self._places[3]
-        return poses[:, :2] + offset * np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
+        return poses[:, :2] + offset * unit_vectors(poses[:, 2])
 
     @cached_property
     def _rooms(self) -> list[tuple[Array, Array, Array]]:

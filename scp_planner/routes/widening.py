@@ -14,7 +14,7 @@ from math import inf
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, left_of
 from scp_planner.mathematics.polylines import points_at
 from scp_planner.mathematics.taut import ConvexPolygons
 from scp_planner.scenario.limits import Box
@@ -53,7 +53,7 @@ def widened(points: Array, polygons: ConvexPolygons, box: Box, radius: float, fi
         points = _resampled(points, count)
         tangents = np.gradient(points, axis=0)
         tangents /= np.hypot(*tangents.T)[:, None]
-        normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
+        normals = left_of(tangents)
         step = float(np.hypot(*np.diff(points, axis=0).T).mean())
         bends = radius * np.hypot(*np.diff(points, 2, axis=0).T) / step**2
         weights = weights * np.maximum(bends / WIDENING.allowed, 1.0)

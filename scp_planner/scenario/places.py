@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, cross
 from scp_planner.scenario.tolerances import SAME_FOOT, SAME_PLACE
 
 if TYPE_CHECKING:
@@ -37,9 +37,7 @@ class Line:
         for k in range(len(begins) - 2):
             here, to, far = ends[k] - begins[k], ends[k + 2 :] - begins[k + 2 :], begins[k + 2 :] - begins[k]
             with np.errstate(divide="ignore", invalid="ignore"):
-                turn = here[0] * to[:, 1] - here[1] * to[:, 0]
-                own = (far[:, 0] * to[:, 1] - far[:, 1] * to[:, 0]) / turn
-                other = (far[:, 0] * here[1] - far[:, 1] * here[0]) / turn
+                own, other = cross(far, to) / cross(here, to), cross(far, here) / cross(here, to)
             met = (own >= 0.0) & (own <= 1.0) & (other >= 0.0) & (other <= 1.0)
             apart = (self._stations[k + 2 : -1] + other * self._lengths[k + 2 :])[met]
             least = min(least, float((apart - self._stations[k] - own[met] * self._lengths[k]).min(initial=np.inf)))

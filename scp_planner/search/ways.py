@@ -9,7 +9,7 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, cross
 from scp_planner.constraints.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
@@ -203,8 +203,7 @@ class WaySearch:
         if frame is None:
             return np.zeros(self.grid.columns)
         before, after = frame.tangent[:-EACH_STATION:EACH_STATION], frame.tangent[EACH_STATION::EACH_STATION]
-        across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        turns: Array = np.arctan2(across, (before * after).sum(axis=-1))
+        turns: Array = np.arctan2(cross(before, after), (before * after).sum(axis=-1))
         return turns
 
     @cached_property

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, cross
+from scp_planner.arrays import Array, Index, cross, left_of
 from scp_planner.simulation.tolerances import PARALLEL, ROUNDING
 
 
@@ -49,7 +49,7 @@ def half_planes(own: Bodies, other: Bodies, horizon: float, step: float, share: 
     left = cross(place, from_disc) > 0.0
     leg = np.sqrt(np.maximum(apart**2 - reach**2, 0.0))
     side = np.where(left, 1.0, -1.0)
-    across = side[..., None] * np.stack([-place[..., 1], place[..., 0]], axis=-1)
+    across = side[..., None] * left_of(place)
     square = np.where(apart > 0.0, apart, 1.0)[..., None] ** 2
     leg_normal = (leg[..., None] * across - reach[..., None] * place) / square
     normal = np.where(on_disc[..., None], outward, leg_normal)
@@ -94,7 +94,7 @@ def _vertices(rows: HalfPlanes, wanted: Array) -> Array:
     missing = offset - (normal @ wanted[..., None])[..., 0]
     feet = wanted[:, None] + missing[..., None] * normal
     half = np.sqrt(np.maximum(1.0 - offset**2, 0.0))[..., None]
-    along = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    along = left_of(normal)
     middle = offset[..., None] * normal
     parts = [limited[:, None], feet, middle + half * along, middle - half * along]
     if lines > 1:
@@ -143,7 +143,7 @@ def _on_disc(normal: Array, offset: Array) -> Array:
     unit, distance = normal / size[:, None], offset / size
     meets = (some & (np.abs(distance) <= 1.0))[:, None]
     half = np.sqrt(np.maximum(1.0 - distance**2, 0.0))[:, None]
-    along = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
+    along = left_of(unit)
     middle = distance[:, None] * unit
     return np.concatenate([np.where(meets, middle + half * along, 2.0), np.where(meets, middle - half * along, 2.0)])
 

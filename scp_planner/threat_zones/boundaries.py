@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.threat_zones.zone import ThreatZone
 
 POINTS = 60
@@ -30,7 +30,7 @@ def boundary_of(zone: Convex, times: Array, count: int = POINTS) -> Array:
     """Points on the boundary of a convex zone about its centre: the gradient of its support function."""
     angles = PHASE + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     shape = (len(times), count)
-    directions = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)], axis=-1), (*shape, 2))
+    directions = np.broadcast_to(unit_vectors(angles), (*shape, 2))
     t = np.broadcast_to(times[:, None], shape)
     points = np.empty((*shape, 2))
     epsilon = STEP

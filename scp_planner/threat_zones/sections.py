@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.intervals import Interval
@@ -60,7 +60,7 @@ def _polygons(zones: ZoneBatch, index: Index, times: Array, center: Array, tange
 def _fan() -> Array:
     """Unit vectors, (FAN, 2), along and across the guide."""
     angle = 2.0 * np.pi * (np.arange(FAN) + 0.5) / FAN
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return unit_vectors(angle)
 
 
 def _offsets(across: Array, room: Array) -> Interval:

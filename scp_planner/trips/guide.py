@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, left_of, unit_vectors
 from scp_planner.mathematics.bell_polynomials import complete_bell_polynomials
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.quadrature import gauss_rule
@@ -191,7 +191,7 @@ class CurvedGuide:
         steps = 0.5 * self._cell * np.stack([np.cos(phi) @ rule.weights, np.sin(phi) @ rule.weights], axis=1)
         place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
         phi, bend = self._local(self._heading, edges), self._local(self._curvature, edges)
-        first = self._cell * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        first = self._cell * unit_vectors(phi)
         second = (self._cell**2 * bend)[:, None] * np.stack([-np.sin(phi), np.cos(phi)], axis=1)
         ends = np.stack([place[:-1], first[:-1], second[:-1], place[1:], first[1:], second[1:]], axis=1)
         return np.einsum("pq,mqk->mpk", _HERMITE, ends)
@@ -220,8 +220,8 @@ class CurvedGuide:
         piece, x = self._locate(stations)
         a, b, c, d = self._heading[piece].T
         phi = a + x * (b + x * (c + x * d))
-        tangent = np.stack([np.cos(phi), np.sin(phi)], axis=1)
-        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        tangent = unit_vectors(phi)
+        normal = left_of(tangent)
         curvature, rate = b + x * (2.0 * c + 3.0 * d * x), 2.0 * c + 6.0 * d * x
         cell = np.clip((stations / self._cell).astype(np.intp), 0, len(self._cells) - 1)
         share = (stations / self._cell - cell)[:, None]

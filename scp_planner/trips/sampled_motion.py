@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, cross
+from scp_planner.arrays import Array, Index, cross, unit_vectors
 from scp_planner.mathematics.tolerances import STRAIGHT
 from scp_planner.trips.samples import SampledTrajectory
 
@@ -36,7 +36,7 @@ def velocities(
         heading[row] = heading[row] if end.heading is None else end.heading
         speed[row] = speed[row] if end.speed is None else end.speed
     heading = heading if samples.heading is None else samples.heading
-    unit = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    unit = unit_vectors(heading)
     if samples.speed is not None:
         speed = samples.speed
     elif samples.heading is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, cross
+from scp_planner.arrays import Array, cross, left_of
 from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.tolerances import SAME_DIRECTION
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
@@ -131,7 +131,7 @@ def _rounded(points: Array, radius: float) -> tuple[Array, float]:
     tangent = np.minimum(radius * slope, 0.999 * room)
     bend = tangent / slope
     least = float(np.maximum(bend[sharp], SMOOTHING.least_bend * radius).min(initial=radius))
-    spoke = (-bend * np.sign(turn))[:, None] * np.stack([-before[:, 1], before[:, 0]], axis=1)
+    spoke = (-bend * np.sign(turn))[:, None] * left_of(before)
     centre = points[1:-1] - tangent[:, None] * before - spoke
     steps = np.where(sharp, np.ceil(np.abs(turn) / SMOOTHING.arc_step), 0.0).astype(np.intp)
     corner = np.repeat(np.arange(len(turn)), steps + 1)
@@ -139,7 +139,7 @@ def _rounded(points: Array, radius: float) -> tuple[Array, float]:
     angle = turn[corner] * (number / np.maximum(steps, 1)[corner])
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     from_centre = spoke[corner]
-    arcs = centre[corner] + c * from_centre + s * np.stack([-from_centre[:, 1], from_centre[:, 0]], axis=1)
+    arcs = centre[corner] + c * from_centre + s * left_of(from_centre)
     polyline = np.concatenate([points[:1], np.where(sharp[corner, None], arcs, points[1:-1][corner]), points[-1:]])
     apart = np.hypot(*np.diff(polyline, axis=0).T) > 1e-9 * max(1.0, float(lengths.sum()))
     return polyline[np.concatenate([[True], apart])], least

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 from scp_planner.units import Units
@@ -20,7 +20,7 @@ AT_ONCE = 20_000  # points that are looked at together: each takes some kilobyte
 
 def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[Array]:
     """Centres of the discs of a vehicle, (n, 2) m each, at positions (n, 2) m and headings (n,) rad."""
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    ahead = unit_vectors(heading)
     return [position + offset * ahead if offset else position for offset in offsets]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import odeint
 from scipy.optimize import Bounds, minimize
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.formats.commonroad.cars import Car, VehicleModel, centre_of
 from scp_planner.planning.plan import Plan
 
@@ -56,7 +56,7 @@ def joined(states: Array, step: float, model: VehicleModel, car: Car) -> Array |
 def velocities(states: Array, car: Car) -> Array:
     """Return the velocities of a point mass in some states, (n, 5), as they are written; (n, 2) m/s."""
     speed, heading = np.maximum(states[:, SPEED_COLUMN], 1e-6 * car.speed), states[:, HEADING]
-    return speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return speed[:, None] * unit_vectors(heading)
 
 
 def found(before: Array, after: Array, step: float, model: VehicleModel, car: Car) -> bool:
@@ -66,7 +66,7 @@ def found(before: Array, after: Array, step: float, model: VehicleModel, car: Ca
     if point:
         pair = np.hstack([pair[:, :STEERING], velocities(pair, car)])
     else:  # as it is read from a file of the car's centres
-        ahead = centre_of(car, model) * np.stack([np.cos(pair[:, HEADING]), np.sin(pair[:, HEADING])], axis=1)
+        ahead = centre_of(car, model) * unit_vectors(pair[:, HEADING])
         pair[:, :STEERING] = (pair[:, :STEERING] + ahead) - ahead
     reached_from = _point_reached if point else _car_reached
     first = car.acceleration if point else car.steering_rate

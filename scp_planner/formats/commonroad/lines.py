@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, unit_vectors
 from scp_planner.formats.commonroad.roads import ROADS, Point, spaced
 from scp_planner.mathematics.polylines import lengths_along
 
@@ -79,7 +79,7 @@ def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> Driven
         poses.append((x, y, turn))
     table = np.array(poses)
     headings = table[:, 2]
-    along = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    along = unit_vectors(headings)
     stations = np.linspace(0.0, stride * (len(table) - 1), len(table))
     return DrivenLine(table[:, :2], headings, table[:, :2] + car.ahead * along, stations)
 

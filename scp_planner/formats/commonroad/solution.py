@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.files import write_text
 from scp_planner.formats.commonroad.cars import Car, VehicleModel, car_named, centre_of, default_car
 from scp_planner.formats.commonroad.checker import HEADING, SPEED_COLUMN, STEERING, axle_states, joined, velocities
@@ -60,7 +60,7 @@ def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car)
     from commonroad.scenario import state
 
     speed, heading, count = shown[:, SPEED_COLUMN], shown[:, HEADING], len(shown) - 1
-    along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    along = unit_vectors(heading)
     places = shown[:, :STEERING] + centre_of(car, model) * along
     steps = range(first, first + count + 1)
     if model is VehicleModel.PM:
