@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
+from scp_planner.online.many_zones import Level, made_zones
 from scp_planner.online.track import ObstacleTrack, slots_of
-from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
+from scp_planner.tracking.futures import Future, Sizing, future_of, lengths_of
 from scp_planner.tracking.mixtures import Mixture, even
-from scp_planner.tracking.motion_estimate import standardised_speed
+from scp_planner.tracking.motion_estimate import HORIZON, standardised_speed
 from scp_planner.tracking.noticing import Bank
 
 
@@ -41,9 +41,9 @@ class Alarmed:
         """Their zones from a time on, s, in order."""
         weave = self.bank.weave(self.slots)
         if not weave.any():
-            return zones_of_mixtures(
-                self.tracks, self._mixture(self.bank.mixed(self.slots, self._at(start)), start), start, level, sizing
-            )
+            mixtures = self._mixture(self.bank.mixed(self.slots, self._at(start)), start)
+            scales = level.scales(self.tracks, lambda: lengths_of(mixtures))
+            return made_zones(self.tracks, future_of(mixtures, start), level, scales, sizing)
         made: dict[str, ThreatZone] = {}
         for each, swing in ((~weave, False), (weave, True)):
             index = np.flatnonzero(each)

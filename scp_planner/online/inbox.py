@@ -20,7 +20,7 @@ from scp_planner.scenario.motions import GivenMotion, moves, timed
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.online import SceneOnlineSettings
-from scp_planner.threat_zones.of_scenario import HORIZON
+from scp_planner.tracking.motion_estimate import HORIZON
 
 
 @dataclass(frozen=True)

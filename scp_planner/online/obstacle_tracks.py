@@ -18,13 +18,11 @@ from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.initialised_tracks import (
     InitialisedTracks,
     Learnt,
-    PolynomialMotions,
     SortedTracks,
     TrackKind,
     learns,
 )
-from scp_planner.online.many_zones import Level
-from scp_planner.online.newcomer_zones import newcomers_together
+from scp_planner.online.many_zones import Level, newcomers_together
 from scp_planner.online.regions import RegionSizes
 from scp_planner.online.track import (
     TRACKS,
@@ -42,7 +40,6 @@ from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import (
-    HORIZON,
     Embodied,
     EstimatedRegion,
     estimated_body,
@@ -54,8 +51,9 @@ from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, ChangeHypo
 from scp_planner.tracking.confidence import marginal_scale, outside_probability
 from scp_planner.tracking.estimators import MOST_LATE, NoticingTrack, PolynomialTrack, ProcessTrack, TrackEstimator
 from scp_planner.tracking.mixtures import FilterModels
-from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.tracking.motion_estimate import HORIZON, MotionEstimate, PolynomialEstimate
 from scp_planner.tracking.noticing import Bank
+from scp_planner.tracking.polynomial_motions import PolynomialMotions
 from scp_planner.tracking.predictions import Prediction, PredictionKind
 from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
@@ -321,7 +319,8 @@ class ObstacleTracks:
     def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> InitialisedTracks:
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
         changes = self._change_hypotheses(tracks, level) if banked else None
-        motions = PolynomialMotions.of(tracks, self._roots(tracks), self._manoeuvre, changes)
+        sigma = np.array([track.known_noise for track in tracks])
+        motions = PolynomialMotions.of(self._roots(tracks), sigma, self._manoeuvre, changes)
         suspected = np.zeros(len(tracks), dtype=bool) if changes is None else changes.probability > 0.0
         usual = PredictionKind.BELIEVED if banked else PredictionKind.ALONE
         kinds = np.where(suspected, PredictionKind.NOTICED, usual)

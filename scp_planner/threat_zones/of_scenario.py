@@ -28,14 +28,13 @@ from scp_planner.threat_zones.reach import NO_BOUNDS, VELOCITY_SHARE, Reach, wit
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
+from scp_planner.tracking.motion_estimate import HORIZON
 
 if TYPE_CHECKING:
     from scp_planner.threat_zones.widening import Widening
     from scp_planner.tracking.motion_estimate import MotionEstimate
 
 logger = logging.getLogger(__name__)
-
-HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 
 def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:

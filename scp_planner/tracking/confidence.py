@@ -7,16 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.tolerances import LEAST_RISK_SHARE, SCALE_TOLERANCE
-
-if TYPE_CHECKING:
-    from scp_planner.tracking.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
 LARGEST_ALPHA = math.nextafter(1.0, 0.0)  # below 1: what holds with hardly any probability has some region
@@ -136,10 +133,28 @@ class StudentErrors(_EstimatedErrors):
             raise EstimationError(f"degrees of freedom: {self.degrees_of_freedom!r} is not a positive number")
 
 
+class HasErrors(Protocol):
+    """A prediction whose errors are of a known law."""
+
+    @property
+    def errors(self) -> ErrorLaw:
+        """Law of the standardised error."""
+        ...
+
+    @property
+    def regressors(self) -> int | None:
+        """Number of functions of time of a regression; None of other errors."""
+        ...
+
+    def standardised_length(self, start: float, stop: float) -> float:
+        """Return the length of the curve of standardised errors over a span of time."""
+        ...
+
+
 def region_scale(
     level: str,
     probability: float,
-    estimate: MotionEstimate,
+    estimate: HasErrors,
     *,
     obstacles: int = 1,
     start: float = -math.inf,

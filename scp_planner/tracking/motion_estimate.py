@@ -18,6 +18,7 @@ from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors
 from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 
+HORIZON = 120.0  # units of time; longest trip that motions are predicted for
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
 
 

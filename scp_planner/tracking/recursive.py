@@ -290,3 +290,44 @@ class RecursiveEstimator:
         inverse = np.linalg.inv(r)
         covariance = inverse @ (inverse.T @ middle @ inverse) @ inverse.T
         return (inverse @ (q.T @ target)).reshape(p, 2), covariance.reshape(p, 2, p, 2)
+
+
+@dataclass(frozen=True)
+class Primed:
+    """K motions, estimated from observations and a prior, in powers of the time since their centres."""
+
+    some: Index  # (K,)
+    coefficients: Array  # (K, p, 2) Relative to their origins, m/s^k
+    covariance: Array  # (K, p, 2, p, 2)
+
+    @classmethod
+    def of(cls, roots: SquareRoots, noise: Array, prior: MotionPrior) -> Primed:
+        """Estimate motions of order 1 or 2."""
+        count, p = roots.factor.shape[:2]
+        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        seen = kronecker(roots.factor, whiten)
+        target = (roots.right @ whiten.transpose(0, 2, 1)).reshape(count, 2 * p)
+        added, means = _at_last(prior, roots.last - roots.center, p)
+        design = np.concatenate([seen, added], axis=1)
+        q, r = np.linalg.qr(design)
+        sizes = np.linalg.norm(design, axis=1)
+        some = np.flatnonzero(_determined(r, sizes, design.shape[1]))
+        inverse = np.linalg.inv(r[some])
+        sides = np.concatenate([target, np.broadcast_to(means, (count, len(means)))], axis=1)[some, :, None]
+        coefficients = inverse @ (q[some].transpose(0, 2, 1) @ sides)
+        covariance = inverse @ inverse.transpose(0, 2, 1)
+        return cls(some, coefficients.reshape(-1, p, 2), covariance.reshape(-1, p, 2, p, 2))
+
+
+def _at_last(prior: MotionPrior, last: Array, p: int) -> tuple[Array, Array]:
+    """The prior at times ``last`` (K,) as rows (K, q, 2 p) and what they come to, (q,): rows are linear in the time."""
+    at_center, after = prior_rows(prior, 0.0, 1.0, p), prior_rows(prior, 1.0, 1.0, p)
+    assert at_center is not None and after is not None, "it tells something"
+    return at_center[0] + last[:, None, None] * (after[0] - at_center[0]), at_center[1]
+
+
+def _determined(r: Array, sizes: Array, rows: int) -> Array:
+    """True if designs of so many rows have full rank beyond doubt, as `numpy.linalg.matrix_rank` means it."""
+    scaled = np.abs(np.diagonal(r, axis1=1, axis2=2)) / np.maximum(sizes, np.finfo(float).tiny)
+    least = scaled.prod(axis=1) / math.sqrt(math.e)
+    return np.asarray(least > np.sqrt(r.shape[-1]) * max(rows, r.shape[-1]) * np.finfo(float).eps)
