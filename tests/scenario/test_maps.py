@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import scene
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Point, box
 from shapely.affinity import affine_transform
@@ -210,18 +211,10 @@ def test_a_vehicle_that_begins_with_its_back_to_the_goal_turns_where_there_is_ro
     cells[50:70, 5:235] = False  # a lane, 1 m wide
     cells[5:115, 140:235] = False  # and a hall ahead
     ground = sp.OccupancyMap(cells, 0.05)
-    scenario = sp.Scenario(
-        vehicle={
-            "radius": 0.3,
-            "max_speed": 2.0,
-            "max_acceleration": 1.5,
-            "max_deceleration": 2.0,
-            "max_lateral_acceleration": 2.0,
-            "max_curvature": 1.5,
-        },
-        start={"time": 0.0, "position": [6.0, 3.0], "speed": 0.0, "heading": 0.0},
+    scenario = scene(
+        vehicle={"max_speed": 2.0, "max_curvature": 1.5},
+        start={"position": [6.0, 3.0], "speed": 0.0},
         goal={"position": [1.0, 3.0]},
-        obstacles=[],
         ground={"map": ground},
     )
     plan = sp.plan(scenario)

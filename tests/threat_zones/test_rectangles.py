@@ -102,6 +102,8 @@ def test_the_certificate_of_a_trip_past_a_truck_that_stands_and_turns() -> None:
 CORNERS = 0.5 * np.array([[LENGTH, WIDTH], [LENGTH, -WIDTH], [-LENGTH, -WIDTH], [-LENGTH, WIDTH]])
 TIMES = np.linspace(-2.0, 0.0, 21)
 NOISE = [[0.01, 0.0], [0.0, 0.01]]
+PASSING = [20.0, 3.0] + TIMES[:, None] * [6.0, 0.0] + np.random.default_rng(0).normal(0.0, 0.1, (len(TIMES), 2))
+"""Where a car was seen that drives along the lane."""
 
 
 def driving(places: Array, model: object, level: str) -> sp.Scenario:
@@ -144,9 +146,7 @@ def test_an_observed_rectangle_is_held_at_all_times(order: int, acceleration: tu
 
 
 def test_an_observed_rectangle_is_far_narrower_than_its_disc() -> None:
-    past = [20.0, 3.0] + TIMES[:, None] * [6.0, 0.0]
-    places = past + np.random.default_rng(0).normal(0.0, 0.1, past.shape)
-    zone, disc = sp.zones(driving(places, {"order": 1}, "joint"))[0], 0.5 * np.hypot(LENGTH, WIDTH)
+    zone, disc = sp.zones(driving(PASSING, {"order": 1}, "joint"))[0], 0.5 * np.hypot(LENGTH, WIDTH)
     blur = np.sqrt(zone.covariance(0.0)[1, 1])
     assert zone.support(0.0, ACROSS) < 0.5 * WIDTH + 0.5
     assert zone.support(0.0, ACROSS) < disc
@@ -214,9 +214,7 @@ def test_an_ellipse_and_a_widening_lie_in_the_widened_ellipse() -> None:
 @pytest.mark.parametrize("shape", [{"rectangle": [LENGTH, WIDTH]}, {"ellipse": [2.4, 0.95]}])
 def test_a_widened_shape_holds_it_at_every_heading_that_is_possible(shape: dict[str, Any]) -> None:
     """By dense search: the shape turned by what its heading may be off, at the beginning and when nothing is known."""
-    past = [20.0, 3.0] + TIMES[:, None] * [6.0, 0.0]
-    places = past + np.random.default_rng(0).normal(0.0, 0.1, past.shape)
-    seen = {"time": TIMES, "position": places, "covariance": NOISE}
+    seen = {"time": TIMES, "position": PASSING, "covariance": NOISE}
     own = {"id": "car", "shape": shape, "observations": seen, "model": {"order": 2}}
     (zone,) = sp.zones(lane(own))
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
@@ -241,9 +239,7 @@ WANDERER = {
 
 @pytest.mark.parametrize("model", [{"order": 1}, WANDERER])
 def test_online_an_observed_rectangle_is_the_scenarios_own(model: object) -> None:
-    past = [20.0, 3.0] + TIMES[:, None] * [6.0, 0.0]
-    places = past + np.random.default_rng(0).normal(0.0, 0.1, past.shape)
-    planner = sp.Planner(driving(places, model, "joint"))
+    planner = sp.Planner(driving(PASSING, model, "joint"))
     plan = planner.replan(0.0, (0.0, 0.0), 0.0, 8.0)
     (zone,), (again,) = planner.zones, sp.zones(planner.scenario)
     assert len(zone.outlines) == len(again.outlines) == 1

@@ -32,6 +32,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import typer.main
+from scenes import scene
 from scripts import load
 from typer.testing import CliRunner
 
@@ -333,16 +334,7 @@ def test_travel_time_is_written_as_the_page_says() -> None:
     """2 L / (v0 + sqrt(v0^2 + 4 A L)) is the root of v0 tau + A tau^2 = L, with all its digits where A is tiny."""
     from scp_planner.problem.build import build_problem
 
-    scenario = sp.Scenario.model_validate(
-        {
-            "name": "straight",
-            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
-            "start": {"time": 0.0, "position": [0.0, 0.0], "speed": 1.0},
-            "goal": {"position": [20.0, 0.0]},
-            "obstacles": [],
-        }
-    )
-    space = build_problem(scenario, (), sp.Settings()).space
+    space = build_problem(scene(), (), sp.Settings()).space
     for acceleration in (1.0, 1e-3, 1e-14, -1e-14, -0.02):
         beta = space.acceleration_size * [acceleration]
         tau = space.travel_time(20.0, beta)  # type: ignore[arg-type]
