@@ -170,7 +170,7 @@ class PolynomialEstimate(MotionEstimate):
         center[0, :p] = to_local @ self.coefficients
         pairs = self.coefficient_covariance.transpose(0, 2, 1, 3).reshape(p, p, 4)
         local = np.tensordot(to_local, np.tensordot(to_local, pairs, (1, 1)), (1, 1))
-        xx, xy, yx, yy = (_sums_of_powers(p) @ local.reshape(p * p, 4)).T
+        xx, xy, yx, yy = (sums_of_powers(p) @ local.reshape(p * p, 4)).T
         covariance = np.stack([xx, 0.5 * (xy + yx), yy], axis=1)[None]
         return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
 
@@ -226,7 +226,7 @@ def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
 
 
 @lru_cache(maxsize=8)
-def _sums_of_powers(count: int) -> Array:
+def sums_of_powers(count: int) -> Array:
     """Matrix (POLYNOMIAL_TERMS, count^2) from coefficients of products of powers to those of powers."""
     powers = np.add.outer(np.arange(count), np.arange(count)).ravel()
     return np.asarray(np.arange(POLYNOMIAL_TERMS)[:, None] == powers, dtype=float)

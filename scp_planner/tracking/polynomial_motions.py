@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.tracking.change_hypotheses import ChangeHypotheses
 from scp_planner.tracking.futures import Future, length_rule
-from scp_planner.tracking.motion_estimate import HORIZON, POLYNOMIAL_TERMS, least_variances
+from scp_planner.tracking.motion_estimate import HORIZON, least_variances, sums_of_powers
 from scp_planner.tracking.recursive import SquareRoots
 
 
@@ -59,7 +58,7 @@ class PolynomialMotions:
         center = shift @ self.coefficients
         center[:, 0] += self.origin
         local = shift @ self.spread @ shift.transpose(0, 2, 1)
-        growth = local.reshape(count, -1) @ _products(terms)
+        growth = local.reshape(count, -1) @ sums_of_powers(terms).T
         covariance = growth[:, :, None] * self.noise[:, None]
         rates = self.noise[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
         rates = local[:, 1:, 1:][:, :1, :1] * rates if terms > 1 else np.zeros((count, 2, 2))
@@ -73,7 +72,8 @@ class PolynomialMotions:
         some = slice(1 if alike else None)
         (first, last, middle), spread = clocks[:, some], self.spread[some]
         half, about = np.where(last > first, 0.5 * (last - first), 1.0), 0.5 * (first + last)
-        shift = _shift(self.terms - 1, about - middle, half)
+        shift = shift_matrices(self.terms, about - middle)  # u = about + half s
+        shift *= half[:, None, None] ** np.arange(self.terms)[:, None]
         local = shift @ spread @ shift.transpose(0, 2, 1)
         found = _lengths(local, (start - about) / half, (start + HORIZON - about) / half)
         return np.repeat(found, len(self.first)) if alike else found
@@ -94,23 +94,6 @@ def _padded(values: Array, width: int) -> Array:
     padded = np.zeros((count, 3, width))
     padded[:, :terms, :given] = values
     return padded
-
-
-def _shift(order: int, shift: Array, scale: Array) -> Array:
-    """Matrices from coefficients of powers of u to those of s, where u = shift + scale s, (K, p, p)."""
-    matrix = shift_matrices(order + 1, shift)
-    matrix *= scale[:, None, None] ** np.arange(order + 1)[:, None]
-    return matrix
-
-
-@lru_cache(maxsize=8)
-def _products(terms: int) -> Array:
-    """Matrix from the products of coefficients k and m, in rows, to the coefficient k + m."""
-    matrix = np.zeros((terms, terms, POLYNOMIAL_TERMS))
-    for k in range(terms):
-        for m in range(terms):
-            matrix[k, m, k + m] = 1.0
-    return matrix.reshape(-1, POLYNOMIAL_TERMS)
 
 
 def _lengths(spread: Array, start: Array, stop: Array) -> Array:

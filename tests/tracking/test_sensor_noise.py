@@ -26,8 +26,8 @@ def test_third_differences_see_noise_and_not_motion() -> None:
     assert np.median(squares) == pytest.approx(2.0 * math.log(2.0), rel=0.1)
 
 
-@pytest.mark.parametrize(("factor", "outliers", "low", "high"), [(1.0, 0.0, 1.0, 1.0), (3.0, 0.0, 7.0, 11.0)])
-def test_noise_is_seen_to_be_larger(factor: float, outliers: float, low: float, high: float) -> None:
+@pytest.mark.parametrize(("factor", "low", "high"), [(1.0, 1.0, 1.0), (3.0, 7.0, 11.0)])
+def test_noise_is_seen_to_be_larger(factor: float, low: float, high: float) -> None:
     rng = np.random.default_rng(4)
     watch = NoiseWatch()
     for _ in range(100):
