@@ -140,3 +140,14 @@ class OccupancyMap:
         return OccupancyMap(
             self.occupied, self.resolution / units.length, units.place(self.origin), self.yaw, self.beyond, self.source
         )
+
+
+def pooled(ground: OccupancyMap, count: int) -> OccupancyMap:
+    """The map with so many cells as one, occupied where one of them is."""
+    if count == 1:
+        return ground
+    rows, columns = ground.occupied.shape
+    padded = np.pad(ground.occupied, ((0, -rows % count), (0, -columns % count)), constant_values=ground.beyond)
+    shape = padded.shape[0] // count, count, padded.shape[1] // count, count
+    found: Mask = np.any(padded.reshape(shape), axis=(1, 3))
+    return OccupancyMap(found, ground.resolution * count, ground.origin, ground.yaw, ground.beyond)

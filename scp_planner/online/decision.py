@@ -99,7 +99,7 @@ class Decision:
         if arriving is not None:
             return arriving
         elsewhere = last is not None and moving is None and not self.arrival.is_end_of(last.trip)
-        now.aimless = now.last is None or now.begin is not None or elsewhere
+        now.aimless = now.last is None or elsewhere
         if last is None or now.aimless:
             return self._anew(now, None, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal:
@@ -202,9 +202,13 @@ class Decision:
         return plan
 
     def _takes_turns(self, now: Replan) -> bool:
-        """True if ways and manoeuvres are looked at in turns: who gives way early is to find the best at all times."""
-        evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
-        return evades and self._means.gives_way_late
+        """True if ways and manoeuvres are looked at in turns: where time is short, or the vehicle gives way late."""
+        last = now.last
+        if last is None or not last.safe:
+            return False
+        if math.isfinite(now.deadline):
+            return last.outcome in AWAY
+        return last.outcome is Outcome.EVADING and self._means.gives_way_late
 
     def _looks_now(self, now: Replan) -> bool:
         """True if ways are looked at in a replan without a trip to drive on by."""
@@ -232,11 +236,6 @@ class Decision:
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> Vetted | Refusal:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
-        if last is None and now.begin is not None:
-            found = self._begun(now, fresh, now.begin)
-            if isinstance(found, Vetted):
-                return found
-            refusal = found
         if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
             if isinstance(found, Vetted):
@@ -249,15 +248,6 @@ class Decision:
             self._put_off = True
             return refusal
         return self._looked(now, fresh) or refusal
-
-    def _begun(self, now: Replan, fresh: Renewal, begin: Trip) -> Vetted | Refusal:
-        """Set out on a trip that was found, from where the vehicle is."""
-        vetted = self._means.safety_gate.vet_on(now.moment, begin, self._means.foreseen, math.inf, True)
-        if vetted is not None:
-            return vetted
-        run = self._run(now, fresh.loop, fresh.left_of(begin))
-        found, steps = run.evaluation, len(run.record)
-        return self._means.vet(now, CandidateKind.ROUTE, fresh.loop.problem, found.trajectory, found, steps)
 
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
         """Look at other ways round, where that is due."""

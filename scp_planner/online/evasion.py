@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 
 from scp_planner.arrays import Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.online.braking import braking_of
 from scp_planner.online.evasive_manoeuvres import BORDER, EvasiveManoeuvres
 from scp_planner.online.expected_harm import HARM, harms_of_manoeuvres, harms_of_trips
 from scp_planner.online.manoeuvre_courses import COURSES, GRADUAL, PROMPT, ManoeuvreProfiles, Profiles, RampedProfiles
-from scp_planner.online.manoeuvre_outlooks import ManoeuvreOutlooks, Outlook
+from scp_planner.online.manoeuvre_outlooks import Driven, ManoeuvreOutlooks, Outlook
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.stops import STOPS
+from scp_planner.online.tolerances import TIME
 from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
 
@@ -32,7 +35,8 @@ class EvasionParameters:
     steady: float = 0.75
     # Harm that makes no difference: of those that differ by no more, the one that is worth most is driven
     even: float = 0.02
-    hurried: int = 1_000_000  # Samples of manoeuvres, times zones, that are evaluated where there is no time left
+    fewest: int = 24  # Manoeuvres that are evaluated where there is no time left
+    first_pace: float = 3e-6  # s that the evaluation of a manoeuvre and a zone is expected to take before any was timed
     most_samples: int = 20_000_000  # Samples of manoeuvres, times zones, that are evaluated at most
     tried: int = 4  # Manoeuvres that are certified in one replan, at most
     better: float = 0.1  # Widths of way by which a manoeuvre must do better for the vehicle to leave a trip
@@ -72,12 +76,6 @@ class _SeenEvasiveManoeuvres:
     seen: Outlook
     begun: Stop | None
     going_on: Outlook | None
-    hurried: bool
-
-    @property
-    def pairs(self) -> int:
-        """EvasiveManoeuvres, times the zones that are looked at."""
-        return len(self.manoeuvres.position) * len(self.near)
 
 
 class Evasion:
@@ -87,7 +85,7 @@ class Evasion:
         self._means = means
         self.outlooks = ManoeuvreOutlooks(means)
         self._view: _SeenEvasiveManoeuvres | None = None
-        self._each = 0.0  # s that it took to see how far one manoeuvre keeps from one zone
+        self._each = EVASION.first_pace  # s that it took to see how far one manoeuvre keeps from one zone
 
     def safest(self, now: Replan) -> Manoeuvre | None:
         """Return the certified manoeuvre that is worth most, or the one under way, if it is worth nearly as much."""
@@ -102,15 +100,17 @@ class Evasion:
         if not self._means.gives_way_late:
             standing = HARM.creeping
         goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
-        soon, box = self._soon(moment), self.outlooks.box(moment)
-        trips = harms_of_trips(moment, [each.trip for each in others], times, box, confidence, standing, soon)
-        manoeuvres = harms_of_manoeuvres(moment, view.manoeuvres, box, confidence, standing, soon)
+        soon, border = self._soon(moment), self.outlooks.border(moment)
+        trips = harms_of_trips(moment, [each.trip for each in others], times, border, confidence, standing, soon)
+        manoeuvres = harms_of_manoeuvres(moment, view.manoeuvres, border, confidence, standing, soon)
         least = min(trips.impact.min(initial=np.inf), manoeuvres.impact.min())
         braking = min(float(manoeuvres.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
         harms, of_manoeuvres = (each.no_harder_than(least, braking) for each in (trips, manoeuvres))
-        if view.seen.lost.any():
-            of_manoeuvres = of_manoeuvres + HARM.dead_end * view.seen.lost
-            harms = harms + HARM.dead_end * np.array([float(self._seen_of(now, each).lost[0]) for each in others])
+        seen = self.outlooks.with_every_dead_end(moment, Driven.all_of(view.manoeuvres), view.seen)
+        if seen.lost.any():
+            of_manoeuvres = of_manoeuvres + HARM.dead_end * self.outlooks.dead_end(moment, seen)
+            ends = [float(self.outlooks.dead_end(moment, self._seen_of(now, each))[0]) for each in others]
+            harms = harms + HARM.dead_end * np.array(ends)
         now.lap("evasion")
         for each, harm in zip(others, trips.expected.tolist(), strict=True):
             self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)
@@ -127,8 +127,8 @@ class Evasion:
             still = view.manoeuvres.until <= view.manoeuvres.wait
             stays = still & ((EVASION.steady * of_manoeuvres <= of_manoeuvres.min()) | good)
             good = stays if stays.any() else good
-        number = int(np.where(good, view.seen.worth, -np.inf).argmax())
-        return self._made(now, view.manoeuvres, view.seen, number, float(of_manoeuvres[number]))
+        number = int(np.where(good, seen.worth, -np.inf).argmax())
+        return self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number]))
 
     def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
         """Return a stop that is being driven as a manoeuvre."""
@@ -196,35 +196,33 @@ class Evasion:
             moment = now.moment
             manoeuvres, begun = self._manoeuvres(moment), self.begun(now)
             near = manoeuvres.within_reach(moment.batch, moment.scenario.vehicle)
-            manoeuvres = manoeuvres.few(len(near), EVASION.most_samples)
-            few = manoeuvres.few(moment.batch.size, EVASION.hurried)
+            manoeuvres = manoeuvres.few(EVASION.most_samples / max(len(near) * len(manoeuvres.times), 1))
             going_on = None if begun is None else self.outlooks.of_stop(moment, begun, manoeuvres.times)
-            every = len(manoeuvres.position) * len(near)
-            pace_is_known = self._each > 0.0 or not np.isfinite(now.deadline)
-            hurried = few is not manoeuvres and (not pace_is_known or now.late_after(self._each * every))
-            some = few if hurried else manoeuvres
-            view = _SeenEvasiveManoeuvres(moment, some, near, self._seen(now, some, near), begun, going_on, hurried)
-            if hurried and not now.late_after(self._each * every):
-                view = replace(view, manoeuvres=manoeuvres, seen=self._seen(now, manoeuvres, near), hurried=False)
+            some = self._in_time(now, manoeuvres, len(near), 1.0)
+            seen = self._seen(now, some, near, some is not manoeuvres)
+            view = _SeenEvasiveManoeuvres(moment, some, near, seen, begun, going_on)
             self._view = view
         return self._view
 
-    def _seen(self, now: Replan, manoeuvres: EvasiveManoeuvres, near: Index) -> Outlook:
+    def _seen(self, now: Replan, manoeuvres: EvasiveManoeuvres, near: Index, hurried: bool) -> Outlook:
         now.lap("evasion")
         begin, pairs = now.clock, len(manoeuvres.position) * len(near)
-        seen = self.outlooks.of(now.moment, manoeuvres, near)
+        seen = self.outlooks.of(now.moment, manoeuvres, near, EVASION.tried)
         now.lap("evasion")
-        if pairs * len(manoeuvres.times) > EVASION.hurried // 2:  # else most of the time goes elsewhere
-            self._each = max(EVASION.pace_kept * self._each, (now.clock - begin) / pairs)
+        took = 0.0 if hurried else (now.clock - begin) / max(pairs, 1)  # most of the time of a few goes elsewhere
+        self._each = max(EVASION.pace_kept * self._each, took)
         return seen
+
+    def _in_time(self, now: Replan, manoeuvres: EvasiveManoeuvres, zones: int, takes: float) -> EvasiveManoeuvres:
+        """As many manoeuvres as there is time to evaluate, or a few, where that takes so many evaluations of each."""
+        each = takes * self._each * max(zones, 1)
+        return manoeuvres.few(max((now.deadline - perf_counter()) / max(each, TIME), EVASION.fewest))
 
     def _with_time_for_harm(self, now: Replan) -> _SeenEvasiveManoeuvres:
         view = self._looked(now)
-        if not view.hurried and now.late_after(EVASION.harm_takes * self._each * view.pairs):
-            few = view.manoeuvres.few(now.moment.batch.size, EVASION.hurried)
-            if few is not view.manoeuvres:
-                seen = self._seen(now, few, view.near)
-                view = self._view = replace(view, manoeuvres=few, seen=seen, hurried=True)
+        few = self._in_time(now, view.manoeuvres, len(view.near), EVASION.harm_takes)
+        if few is not view.manoeuvres:
+            view = self._view = replace(view, manoeuvres=few, seen=self._seen(now, few, view.near, True))
         return view
 
     def _manoeuvres(self, moment: Moment) -> EvasiveManoeuvres:
@@ -267,7 +265,9 @@ class Evasion:
         """The zone that a manoeuvre enters first, or comes nearest to."""
         entered = seen.least[number] <= max(float(seen.least[number].min()), 0.0)
         zone = seen.room.nearest(number, int(entered.argmax()))
-        return None if zone == BORDER else moment.batch.ids[zone]
+        if zone != BORDER:
+            return moment.batch.ids[zone]
+        return None if moment.scenario.ground is None else MAP
 
     def _blocked_by(self, moment: Moment, seen: Outlook, number: int) -> str | None:
         """The zone that is in the way of the manoeuvre that would lead nearest to the goal."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.border import Border
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.manoeuvre_courses import (
     COURSES,
@@ -22,7 +23,7 @@ from scp_planner.online.manoeuvre_courses import (
     Courses,
     ManoeuvreProfiles,
 )
-from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
@@ -44,7 +45,7 @@ class ManoeuvreParameters:
 
 EVASIVE_MANOEUVRES = ManoeuvreParameters()
 BORDER = -1
-"""Stands for the border of the workspace among numbers of zones."""
+"""Stands for the border of the ground among numbers of zones."""
 
 
 @dataclass(frozen=True)
@@ -210,10 +211,9 @@ class EvasiveManoeuvres:
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
 
-    def few(self, zones: int, samples: int) -> EvasiveManoeuvres:
-        """So few of them that a look at so many zones is one at so many samples, where there are too many."""
-        most = max(samples // max(zones * len(self.times), 1), 1)
-        stride = math.ceil(len(self.position) / most)
+    def few(self, most: float) -> EvasiveManoeuvres:
+        """So many of them at most, where those of one course are not more."""
+        stride = max(math.ceil(len(self.position) / max(most, 1.0)), 1)
         if stride == 1:
             return self
         return EvasiveManoeuvres.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
@@ -232,13 +232,12 @@ class EvasiveManoeuvres:
         raise IndexError(f"there is no manoeuvre {number}")
 
     def rooms(
-        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
+        self, batch: ZoneBatch, border: Border, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
     ) -> list[Room]:
-        """Distances to some zones, of which ellipses are of such sizes, and to the border of the workspace."""
+        """Distances to some zones, of which ellipses are of such sizes, and to the border of the ground."""
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
-        border = np.full(min(len(box.offsets), 1), BORDER)
         zones, shaped = batch.subset(rounds), [_of_size(batch.subset(others), size) for size in sizes]
-        numbers, least = np.concatenate([rounds, others, border]), list[Array]()
+        numbers, least = np.concatenate([rounds, others, [BORDER] * border.is_there]).astype(np.intp), list[Array]()
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
@@ -249,8 +248,8 @@ class EvasiveManoeuvres:
                     times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
                     away = outlined.distances(times, points, EVASIVE_MANOEUVRES.exact_within)
                     parts.append(away.T.reshape(-1, *self.heading.shape))
-                if len(border):
-                    parts.append(box.room(place)[None])
+                if border.is_there:
+                    parts.append(border.room(place)[None])
             each = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in found]
             least = [np.minimum(*both) for both in zip(least, each, strict=True)] if least else each
         return [Room(numbers, one) for one in least]

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from scp_planner.arrays import Array
+from scp_planner.online.border import Border
 from scp_planner.online.evasive_manoeuvres import WHOLE, EvasiveManoeuvres, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_worth import WORTH, a_moment
 from scp_planner.online.safety_gate import Moment
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LENGTH
-from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Confidence, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.tracking.confidence import marginal_scale
@@ -62,7 +62,7 @@ class Harms:
 
 
 def harms_of_manoeuvres(
-    moment: Moment, manoeuvres: EvasiveManoeuvres, box: Box, confidence: Confidence, standing: float, soon: float
+    moment: Moment, manoeuvres: EvasiveManoeuvres, border: Border, confidence: Confidence, standing: float, soon: float
 ) -> Harms:
     """Return the harm to be expected of manoeuvres, (C,)."""
     vehicle = moment.scenario.vehicle
@@ -73,14 +73,20 @@ def harms_of_manoeuvres(
     for some in in_parts(
         max(len(near), 1), manoeuvres.heading.size
     ):  # the border is one more, also where no zone is near
-        each, less = manoeuvres.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
+        each, less = manoeuvres.rooms(whole, border, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
         harms.append(_harms(each.each, less.each, scale, weights))
     spared = np.prod([1.0 - each.expected for each in harms], axis=0)
     return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
 
 
 def harms_of_trips(
-    moment: Moment, trips: Sequence[Trip], times: Array, box: Box, confidence: Confidence, standing: float, soon: float
+    moment: Moment,
+    trips: Sequence[Trip],
+    times: Array,
+    border: Border,
+    confidence: Confidence,
+    standing: float,
+    soon: float,
 ) -> Harms:
     """Return the same of trips that are being driven, or stops, (n,)."""
     if not trips:
@@ -91,8 +97,8 @@ def harms_of_trips(
     clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), WORTH.exact_widths * 2.0 * vehicle.radius
     zones = (_grown(one.batch, vehicle) for one in (moment, moment.with_smaller_zones(HARM.part)))
     away = (each.distances(clock, points, exact).T.reshape(-1, *place.shape[:2]) for each in zones)
-    border = np.minimum(box.room(place), exact)[None]
-    whole, less = (np.concatenate([each, border]) for each in away)
+    edge = np.minimum(border.room(place), exact)[None]
+    whole, less = (np.concatenate([each, edge]) for each in away)
     weights = _weights(times, place, vehicle, standing, soon)
     return _harms(whole, less, _deviations(confidence, moment.batch), weights)
 

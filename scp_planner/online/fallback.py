@@ -63,8 +63,12 @@ class Fallback:
         return self._give_way(now, fresh)
 
     def go_on(self, now: Replan) -> OnlinePlan | None:
-        """Go on with the manoeuvre that was begun, without a look at any other; None if that is not certified."""
+        """Go on with the manoeuvre that was begun, or stand, without a look at others; None if it is not certified."""
         begun = self._evasion.begun(now)
+        stands = now.last is not None and now.last.outcome is Outcome.BRAKING
+        if begun is None and stands and now.moment.state.speed <= STOPS.standing:
+            stop = self._means.stopping(now, self._means.straight_stop(now.moment.state, self._means.braking), None)
+            return stop if stop.safe else None
         if begun is None or now.last is None:
             return None
         certificate = self._means.safety_gate.certify_stop(now.moment, begun, now.moment.state.time)

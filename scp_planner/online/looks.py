@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from time import perf_counter
+from functools import partial
 from typing import Any
 
 from scp_planner.online.means import REPLAN, Means, Renewal, Replan
@@ -13,12 +13,12 @@ from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.safety_gate import Vetted
 from scp_planner.online.stops import STOPS
+from scp_planner.pauses import Coroutine
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
-from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import WAYS
 from scp_planner.trips.trip import Trip
 
@@ -36,8 +36,6 @@ class LookParameters:
     gain: float = 0.02
     # Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often
     sooner: int = 2
-    first_time: float = 0.02  # s of wall time, that a search is expected to take before one has been timed
-    time_decay: float = 0.8  # How soon that is forgotten: its factor from one search to the next
     part: int = 3  # Branches of a way that are searched for in one replan
     runs: int = 2  # Ways that are looked at in turn while there is a plan
     # Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way
@@ -45,15 +43,16 @@ class LookParameters:
     spared: int = 1  # Steps fewer are taken in a replan while there is a plan to drive
     # Steps fewer while there is an evasive manoeuvre or a stop, which is evaluated in the same replan
     spared_falling_back: int = 2
-    # Of the search for routes: after one that was cut off, the next one is on the next grid
-    grids: tuple[Fineness, ...] = field(default=(Fineness(), Fineness(stations=0.45), Fineness(stations=0.225)))
-    # Share of the time of a search: one that has found a route in less is followed by one on a finer grid
-    in_good_time: float = 1.0 / 3.0
+    starved: int = 5  # Replans without time for a look, of which the last takes one step all the same
     # Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun
     hopeless: float = 0.05
 
 
 LOOKS = LookParameters()
+
+
+OVER = object()
+"""Stands for a start after the last one."""
 
 
 @dataclass
@@ -65,23 +64,27 @@ class Look:
     starts: Iterator[Trip | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
     steps: int = 0  # ...after so many steps of the loop
-    begun: bool = False
+    searching: Coroutine[Any] | None = None  # The search for the next start, where it is under way
 
     @property
     def over(self) -> bool:
         """True if the last way has been tried."""
-        return self.trip is None and self.runs <= 0
+        return self.trip is None and self.searching is None and self.runs <= 0
 
-    def begin_next(self) -> bool:
-        """Go on to the next start; whether there is one, or may be one after all that is still to be looked at."""
-        self.trip, self.steps, self.begun = None, 0, True
-        if self.runs <= 0:
+    def begin_next(self, until: float) -> bool:
+        """Search for the next start up to a wall time; whether there is one, or may be one after more of a search."""
+        self.trip, self.steps = None, 0
+        if self.searching is None:
+            if self.runs <= 0:
+                return False
+            self.searching = Coroutine(partial(next, self.starts, OVER))
+        if not self.searching.resume(until):
+            return True
+        found, self.searching = self.searching.result, None
+        if found is OVER:
             return False
-        try:
-            self.trip = next(self.starts)
-        except StopIteration:
-            return False
-        self.runs -= 0 if self.trip is None else 1
+        self.trip = found
+        self.runs -= 0 if found is None else 1
         return True
 
 
@@ -90,11 +93,9 @@ class Looks:
 
     def __init__(self, means: Means) -> None:
         self._means = means
-        self._look_time = LOOKS.first_time
         self._look: Look | None = None
         self._looked = 0
-        self._deadline = math.inf  # of the replan that is under way
-        self._grid = 0  # number of the grid that the next search is on
+        self._starved = 0  # replans in a row that had no time for a look
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a look under way anew."""
@@ -117,33 +118,24 @@ class Looks:
             if _cutoff(now, best) <= self._means.least_time(now.moment.scenario):
                 self._look = None
                 return False
-        # A search for ways that is broken off has found nothing.
-        in_time = perf_counter() + self._look_time < now.deadline
-        if not in_time:
-            self._look_time *= LOOKS.time_decay
-        return in_time
+        self._starved = self._starved + 1 if now.late else 0
+        return self._starved % LOOKS.starved == 0
 
     def look(self, now: Replan, fresh: Renewal, best: Vetted | None) -> Vetted | None:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
-        began, loop, first = perf_counter(), fresh.loop, now.aimless
-        problem = loop.problem
-        cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
+        first, cutoff = now.aimless, math.inf if best is None else _cutoff(now, best)
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOKS.runs
             self._look = look = Look(runs, cutoff)
             part = WAYS.branches if first else LOOKS.part
-            look.starts = self._means.starts(
-                problem, lambda: look.cutoff, lambda: self._deadline, LOOKS.grids[self._grid], part
-            )
+            look.starts = self._means.starts(fresh.problem, lambda: look.cutoff, part)
         look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else LOOKS.nearly_clear
-        found = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
+        found = self._try_ways(now, fresh, look, cutoff, tolerance, best is None)
         if (first and not now.late) or look.over or (found is not None and found.violation <= LOOKS.nearly_clear):
             self._look = None
-        if now.last is not None:
-            self._look_time = max(LOOKS.time_decay * self._look_time, perf_counter() - began)
         return found
 
     def _spared(self, now: Replan, any_will_do: bool) -> int:
@@ -152,19 +144,21 @@ class Looks:
         return LOOKS.spared_falling_back if self._means.gives_way_late and now.last is not None and now.last.safe else 0
 
     def _try_ways(
-        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
+        self, now: Replan, fresh: Renewal, look: Look, cutoff: float, tolerance: float, any_will_do: bool
     ) -> Vetted | None:
         """Go on with a look; return the first way that is clear and fast enough, or else one that may become so."""
-        problem, first = loop.problem, now.aimless
+        first = now.aimless
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
         left = most * self._means.online.first_runs
         if not first:
             left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
+        if self._starved:
+            left = 1
         spare: Vetted | None = None
-        while left > 0 and perf_counter() <= now.deadline:
+        while left > 0:
             if look.trip is None and not self._begins(now, look):
                 break
-            run = self._go_on(now, loop, look, min(left, most - look.steps), cutoff)
+            run = self._go_on(now, fresh.loop, look, min(left, most - look.steps), cutoff)
             evaluation, left = run.evaluation, left - max(len(run.record), 1)
             clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + LOOKS.violation_cost * evaluation.worst_violation < cutoff
@@ -174,7 +168,7 @@ class Looks:
             )
             if (clear and faster) or hopeful:
                 kind = CandidateKind.ROUTE
-                vetted = self._means.vet(now, kind, problem, evaluation.trajectory, evaluation, look.steps)
+                vetted = self._means.vet(now, kind, fresh.problem, evaluation.trajectory, evaluation, look.steps)
                 ended = ended or clear
                 if isinstance(vetted, Vetted) and clear and not first:
                     return vetted
@@ -183,25 +177,19 @@ class Looks:
                     look.cutoff = cutoff = vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
-                if not first:
-                    break
+            if now.late or (ended and not first):
+                break
         return spare
 
     def _begins(self, now: Replan, look: Look) -> bool:
         """Turn to the next way; whether to go on with it at once: the search is work enough for most replans."""
-        began, any_way = perf_counter(), look.begun
-        more = look.begin_next()
+        more = look.begin_next(now.deadline)
         now.lap("search")
-        if now.late:
-            self._grid = min(self._grid + 1, len(LOOKS.grids) - 1)
-        elif not any_way and now.clock - began < LOOKS.in_good_time * (now.deadline - began):
-            self._grid = max(self._grid - 1, 0)
         if not more:
             self._look = None
         return more and now.aimless and look.trip is not None
 
-    @staticmethod
-    def _go_on(now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float) -> LoopRun:
+    def _go_on(self, now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float) -> LoopRun:
         """Go on with the way that is being tried, by so many steps at most."""
         assert look.trip is not None
         start, trust = look.trip.trajectory, LOOP.first_trust
@@ -210,7 +198,7 @@ class Looks:
             start = remaining_trip(loop.problem, look.trip, now.moment.state, led=led)
             trust = LOOKS.trust if look.steps else LOOP.first_trust
         enough = None if now.aimless else LOOKS.fewest_steps
-        run = loop.run(start, most, cutoff, now.deadline, trust, enough)
+        run = loop.run(start, most, cutoff, math.inf if self._starved else now.deadline, trust, enough)
         now.lap("scp")
         look.trip, look.steps = (
             Trip(loop.problem.frame, run.evaluation.trajectory),

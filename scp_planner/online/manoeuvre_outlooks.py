@@ -10,6 +10,8 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.polylines import points_at
+from scp_planner.online.border import WINDOW, Border, CellDistances
 from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, EvasiveManoeuvres, Room, Size
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
@@ -18,8 +20,8 @@ from scp_planner.online.means import Means
 from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.tolerances import LENGTH
 from scp_planner.online.way_left import WAY, way_left, way_left_both_ways, way_on
-from scp_planner.scenario.limits import Box, Limits
-from scp_planner.scenario.models import Scenario, Steering, Vehicle
+from scp_planner.scenario.limits import Limits
+from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances
 from scp_planner.trips.trip import Trip
@@ -32,6 +34,10 @@ class Driven:
     heading: Array
     until: Array
 
+    @classmethod
+    def all_of(cls, manoeuvres: EvasiveManoeuvres) -> Driven:
+        return cls(manoeuvres.times, manoeuvres.position, manoeuvres.heading, manoeuvres.until)
+
 
 @dataclass(frozen=True)
 class Outlook:
@@ -40,7 +46,7 @@ class Outlook:
     clear: Array  # (C,)
     then: Array  # (C,) Way to the goal that is left at its end, m
     worth: Array  # (C,)
-    lost: Array  # (C,) Share of the way that the vehicle could drive on which it cannot after it: it ends in a dead end
+    lost: Array  # (C,) Way that the vehicle could drive on which it cannot after it, m; nan where that is not looked at
 
 
 class ManoeuvreOutlooks:
@@ -49,6 +55,7 @@ class ManoeuvreOutlooks:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._patience = 1.0
+        self._cells: CellDistances | None = None
         self._growing = WORTH.growing * a_moment(means.given.vehicle)  # s for which zones grow in judging
 
     def be_patient(self, waited: float) -> None:
@@ -56,14 +63,13 @@ class ManoeuvreOutlooks:
         lasts = WORTH.patience * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
-    def of(self, moment: Moment, manoeuvres: EvasiveManoeuvres, near: Index) -> Outlook:
-        """Return what is seen of manoeuvres among the zones of a moment."""
+    def of(self, moment: Moment, manoeuvres: EvasiveManoeuvres, near: Index, best: int) -> Outlook:
+        """Return what is seen of manoeuvres among the zones of a moment: of all but the best few, bounds of worth."""
         vehicle = moment.scenario.vehicle
         sizes, period = (WHOLE, Size(latest=self._growing)), self._means.safety_gate.period
-        room, judged = manoeuvres.rooms(moment.batch, self.box(moment), vehicle, period, near, sizes)
-        seen = self.seen(
-            moment, Driven(manoeuvres.times, manoeuvres.position, manoeuvres.heading, manoeuvres.until), room, judged
-        )
+        room, judged = manoeuvres.rooms(moment.batch, self.border(moment), vehicle, period, near, sizes)
+        driven = Driven.all_of(manoeuvres)
+        seen = self._with_dead_ends(moment, driven, self.seen(moment, driven, room, judged), best)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
             return self._with_backing_out(moment, manoeuvres, seen)
         return seen
@@ -90,7 +96,7 @@ class ManoeuvreOutlooks:
     def _room_of(self, moment: Moment, place: Array, away: Array) -> Room:
         """Room at places (J, 2), m, in the planning frame, that are (J, Z) m away from the zones."""
         numbers = np.append(np.arange(away.shape[1]), BORDER)
-        return Room(numbers, np.concatenate([away.T, self.box(moment).room(place)[None]])[:, None])
+        return Room(numbers, np.concatenate([away.T, self.border(moment).room(place)[None]])[:, None])
 
     def of_stop(self, moment: Moment, stop: Stop, times: Array) -> Outlook:
         """Return what is seen of a stop that is being driven: as of one manoeuvre."""
@@ -106,10 +112,30 @@ class ManoeuvreOutlooks:
         direction = points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading
         driven = Driven(times, place[None], heading[None], np.array([stop.stands + self._means.wait - begin]))
-        return self.seen(moment, driven, room, judged)
+        return self.with_every_dead_end(moment, driven, self.seen(moment, driven, room, judged))
+
+    def with_every_dead_end(self, moment: Moment, driven: Driven, seen: Outlook) -> Outlook:
+        unknown = np.flatnonzero(np.isnan(seen.lost))
+        lost, worth = seen.lost.copy(), seen.worth.copy()
+        lost[unknown] = self._way_lost(moment, driven, unknown)
+        worth[unknown] -= WORTH.lost * lost[unknown]
+        return replace(seen, worth=worth, lost=lost)
+
+    def _with_dead_ends(self, moment: Moment, driven: Driven, seen: Outlook, best: int) -> Outlook:
+        """Look for dead ends at the ends of those manoeuvres that are clear and worth most, till the best are known."""
+        order = np.flatnonzero(np.isinf(seen.clear))
+        order = order[np.argsort(-seen.worth[order], kind="stable")]
+        lost, worth = seen.lost.copy(), seen.worth.copy()
+        for first in range(0, len(order), 2 * best):
+            some, known = order[first : first + 2 * best], np.sort(worth[order[:first]])
+            if first and known[-best] >= worth[some[0]]:
+                break
+            lost[some] = self._way_lost(moment, driven, some)
+            worth[some] -= WORTH.lost * lost[some]
+        return replace(seen, worth=worth, lost=lost)
 
     def seen(self, moment: Moment, driven: Driven, room: Room, judged: Room) -> Outlook:
-        """Judge what is driven by the room that it keeps."""
+        """Judge what is driven by the room that it keeps, but for dead ends."""
         vehicle, after, near = moment.scenario.vehicle, driven.times > driven.until[:, None], room.least
         least = np.where(after, np.inf, near)
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
@@ -121,25 +147,23 @@ class ManoeuvreOutlooks:
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
         worth = left[0] - left[1] - self._cost(time, judged.least / width, counted / width) * width
-        lost = self._way_lost(moment, driven)
-        worth -= WORTH.lost * lost
-        return Outlook(least, room, clear, left[2], worth, lost / max(WAY.far * self.tightest(moment), LENGTH))
+        return Outlook(least, room, clear, left[2], worth, np.full(len(worth), np.nan))
 
-    def _way_lost(self, moment: Moment, driven: Driven) -> Array:
-        """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""
-        radius, heading, none = self.tightest(moment), moment.state.heading, np.zeros(len(driven.position))
+    def _way_lost(self, moment: Moment, driven: Driven, some: Index) -> Array:
+        """By how much less the vehicle can drive in all, m, if it drives some; 0 if it can turn or back out."""
+        radius, heading, none = self.tightest(moment), moment.state.heading, np.zeros(len(some))
         if radius == 0.0 or heading is None or moment.scenario.vehicle.steering is Steering.BOTH_WAYS:
             return none
-        box, standing = self.box(moment), _that_stand(moment.batch)
-        if not len(box.offsets) and not standing.size:
+        border, standing = self.border(moment), _that_stand(moment.batch)
+        if not border.is_there and not standing.size:
             return none
-        steps = np.hypot(*np.moveaxis(np.diff(driven.position, axis=1), -1, 0))
-        place = np.concatenate([np.zeros((1, 2)), driven.position[:, -1]])
-        headings = np.append(heading - moment.frame.heading, driven.heading[:, -1])
+        steps = np.hypot(*np.moveaxis(np.diff(driven.position[some], axis=1), -1, 0))
+        place = np.concatenate([np.zeros((1, 2)), driven.position[some, -1]])
+        headings = np.append(heading - moment.frame.heading, driven.heading[some, -1])
         lost = np.zeros(len(steps))
         # Where something that stands is in the way, it still matters whether the vehicle can go on when that is gone.
         for zones in (standing.subset(np.zeros(0, dtype=np.intp)), standing)[: 1 + min(standing.size, 1)]:
-            left = way_on(place, headings, radius, partial(_is_clear, box, zones))
+            left = way_on(place, headings, radius, partial(_is_clear, border, zones))
             lost = np.maximum(lost, left[0] - steps.sum(axis=1) - left[1:])
         return lost
 
@@ -152,11 +176,30 @@ class ManoeuvreOutlooks:
 
     def _way_from(self, moment: Moment, frame: PlanningFrame, position: Array, heading: Array) -> Array:
         scenario, tightest = moment.scenario, self.tightest(moment)
-        vehicle, (goal, radius) = scenario.vehicle, _next_place(scenario, frame)
+        vehicle, (goal, radius) = scenario.vehicle, self._next_place(moment, frame)
         if vehicle.steering is not Steering.BOTH_WAYS:
             return way_left(position, heading, goal, tightest, radius)
         turning_back = 0.5 * vehicle.max_speed**2 * (1.0 / vehicle.max_acceleration + 1.0 / vehicle.max_deceleration)
         return way_left_both_ways(position, heading, goal, tightest, radius, turning_back)
+
+    def _next_place(self, moment: Moment, frame: PlanningFrame) -> tuple[Array, float]:
+        """The place, (2,) m in a frame, that manoeuvres lead to, and its radius, m.
+
+        It is that which is to be passed next, or the goal, or over a map the last place on the route that is in sight.
+        """
+        scenario = moment.scenario
+        place = next(iter(scenario.goals), scenario.goal)
+        found, radius = np.array(place.position), place.radius or 0.0
+        if scenario.ground is not None and scenario.guide is not None:
+            steps, room = scenario.vehicle.radius, self.border(moment).room
+            line = np.array(scenario.guide)
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+            ahead = points_at(np.arange(steps, min(along[-1], self._sight(moment)), steps), along, line)
+            seen = np.linspace(0.0, 1.0, WAY.steps)[:, None, None] * (ahead - line[0]) + line[0]
+            hidden = (room(moment.frame.to_frame(seen)) < 0.0).any(axis=0)
+            if hidden.any():
+                found, radius = ahead[max(int(hidden.argmax()) - 1, 0)], 0.0
+        return frame.to_frame(found), radius
 
     def _lost_by_going_on(self, moment: Moment, trip: Trip) -> float:
         """By how much more the vehicle drives, m, as a trip goes on in one direction."""
@@ -165,7 +208,7 @@ class ManoeuvreOutlooks:
         points, _ = trip.at(np.array([moment.state.time]))
         place, direction = points.path.position, points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0])
-        goal, radius = _next_place(moment.scenario, trip.frame)
+        goal, radius = self._next_place(moment, trip.frame)
         onward = way_left(place, heading, goal, self.tightest(moment), radius)
         return float((onward - self._way_from(moment, trip.frame, place, heading))[0])
 
@@ -178,10 +221,20 @@ class ManoeuvreOutlooks:
         spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
         return spare[:, None]
 
-    @staticmethod
-    def box(moment: Moment) -> Box:
-        """Return the workspace in the planning frame of a moment."""
-        return Box.of(moment.scenario, moment.frame, 0.0)
+    def border(self, moment: Moment) -> Border:
+        """Return the border of the ground in the planning frame of a moment."""
+        ground, cells = moment.scenario.ground, None
+        if ground is not None:
+            place, reach = np.array(moment.state.position), self._sight(moment)
+            if self._cells is None or not self._cells.covers(ground.map, place, reach):
+                self._cells = CellDistances.about(ground.map, place, WINDOW * reach)
+            cells = self._cells
+        return Border.of(moment.scenario, moment.frame, cells)
+
+    def _sight(self, moment: Moment) -> float:
+        """Reach of manoeuvres and of ways on from their ends, m."""
+        lasts = (WORTH.outlook + 1.0) * a_moment(moment.scenario.vehicle)
+        return moment.scenario.vehicle.max_speed * lasts + WAY.far * self.tightest(moment)
 
     def worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
         """Return what speaks for a trip, as for manoeuvres; foreseen zones speak against it if it is not certified."""
@@ -204,6 +257,11 @@ class ManoeuvreOutlooks:
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 
+    def dead_end(self, moment: Moment, seen: Outlook) -> Array:
+        """Share of the way that the vehicle could drive on, which it cannot after each manoeuvre, (C,)."""
+        share: Array = seen.lost / max(WAY.far * self.tightest(moment), LENGTH)
+        return share
+
     def tightest(self, moment: Moment) -> float:
         """Return the radius of the tightest turn that manoeuvres with a heading take, m; 0 where that is free."""
         vehicle = moment.scenario.vehicle
@@ -219,9 +277,9 @@ def _that_stand(batch: ZoneBatch) -> ZoneBatch:
     return batch.subset(np.flatnonzero(stands))
 
 
-def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
-    """True if places (..., 2), m, are in the workspace, and clear of zones that stand."""
-    clear: Mask = box.room(place) >= 0.0
+def _is_clear(border: Border, standing: ZoneBatch, place: Array) -> Mask:
+    """True if places (..., 2), m, are within the border, and clear of zones that stand."""
+    clear: Mask = border.room(place) >= 0.0
     points = place.reshape(-1, 2)
     # Most of the walls of a long corridor are nowhere near
     near = standing.subset(_within_box(standing, points)) if standing.size else standing
@@ -248,9 +306,3 @@ def until_over(near: Array, driven: Driven) -> Array:
     found = np.where(over, np.inf, near)
     found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
     return found
-
-
-def _next_place(scenario: Scenario, frame: PlanningFrame) -> tuple[Array, float]:
-    """The place, (2,) m in a frame, that is to be passed next, or the goal, and its radius, m."""
-    place = next(iter(scenario.goals), scenario.goal)
-    return frame.to_frame(np.array(place.position)), place.radius or 0.0

@@ -17,7 +17,6 @@ from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Deviation, Following
@@ -39,6 +38,7 @@ from scp_planner.online.remaining import State, _guide_from, bounds_round, drive
 from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF
+from scp_planner.planning.along_routes import guide_on, trip_on_guide
 from scp_planner.planning.offline import GETS_AWAY
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
@@ -49,13 +49,13 @@ from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import arcs, trip_along
-from scp_planner.search.grid import Fineness
-from scp_planner.search.ways import WAYS, WaySearch, ways_in_parts
+from scp_planner.search.ways import WaySearch, ways_in_parts
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import LONGEST_SPAN, SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones, is_touched
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -94,7 +94,6 @@ class Replan:
     timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
     aimless: bool = False  # No plan so far leads to the goal
-    begin: Trip | None = None  # A trip to the goal over a map, which has been found
     unrouted: Reason | None = None  # Why there is no route over the map
     candidates: dict[int, Candidate] = field(default_factory=dict)  # What was looked at so far, by the ids of trips
 
@@ -140,8 +139,10 @@ class Means:
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
         self._ground = corridor_zones(given)
-        if given.ground is not None:  # of which the corridor is a part that was grown
-            self._ground = tuple(replace(one, id=MAP) if one.id == corridor.NAME else one for one in self._ground)
+        self._grown: tuple[ThreatZone, ...] = ()
+        if given.ground is not None:  # the corridor was grown: trips are planned in it, what is driven keeps off cells
+            self._grown = tuple(one for one in self._ground if one.id == corridor.NAME)
+            self._ground = tuple(one for one in self._ground if one.id != corridor.NAME)
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
@@ -175,6 +176,8 @@ class Means:
         self.gives_way_late = not self.obstacles.wander if way is None else way is GiveWay.LATE
         zones = self.obstacles.zones(state.time) + self._ground
         scenario, goal = self.scenario_at(state), self.given.goal
+        if scenario.ground is not None:
+            scenario = changed(scenario, corridor=None)
         if goal.target is None:
             return Moment(state, scenario, zones, self.following.tube, onward=self.onward)
         moving = MovingGoal.of(goal, zones, self.arrival.speed, self.arrival.heading)
@@ -235,14 +238,17 @@ class Means:
 
     def problem(self, now: Replan) -> Problem:
         """Return the problem of a moment, among foreseen zones."""
-        scenario = now.moment.scenario
+        scenario, batch = now.moment.scenario, now.moment.batch
+        if scenario.ground is not None:
+            scenario = changed(scenario, corridor=self.given.corridor)
+            batch = ZoneBatch.of(now.moment.zones + self._grown, now.moment.frame, scenario.vehicle.radius)
         if self.following.room > 0.0:  # from the border of the workspace too
             roomy = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + self.following.room})
             scenario = scenario.model_copy(update={"vehicle": roomy})
         settings = self._along(scenario.guide or (scenario.start.position, scenario.goal.position))
         guide = self._guide(now, scenario, settings)
         problem = build_problem(scenario, (), settings, self.breakpoints, guide)
-        batch = self.foreseen(now.moment.batch)
+        batch = self.foreseen(batch)
         spare = self.settings.clearance_margin + self.following.room
         if not self.gives_way_late:
             spare += REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
@@ -251,6 +257,8 @@ class Means:
     def _guide(self, now: Replan, scenario: Scenario, settings: SceneSettings) -> Guide | None:
         """The guide of trips: where that turns about, along what is left of the last trip, led to the goal."""
         start, goal, last = scenario.start, scenario.goal, now.last
+        if scenario.ground is not None and scenario.guide is not None:  # a route that was found
+            return guide_on(scenario, np.array(scenario.guide), settings)
         given = scenario.guide is not None or scenario.corridor is not None
         if given or now.aimless or last is None or last.outcome in AWAY:
             return None
@@ -315,21 +323,16 @@ class Means:
         self.consider(now, CandidateKind.LAST, last.trip, kept)
         return kept
 
-    def starts(
-        self,
-        problem: Problem,
-        cutoff: Callable[[], float],
-        deadline: Callable[[], float],
-        fineness: Fineness,
-        part: int = WAYS.branches,
-    ) -> Iterator[Trip | None]:
+    def starts(self, problem: Problem, cutoff: Callable[[], float], part: int) -> Iterator[Trip | None]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s."""
-        any_way = False
-        search = WaySearch(problem, fineness=fineness, deadline=deadline())
-        for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part):
+        any_way = problem.scenario.ground is not None
+        if any_way:  # the route itself
+            yield Trip(problem.frame, trip_on_guide(problem))
+        for way in ways_in_parts(
+            WaySearch(problem), self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part
+        ):
             any_way = True
             yield None if way is None else Trip(problem.frame, trip_along(problem, way))
-            search.go_on_until(deadline())
         if not any_way and not math.isfinite(cutoff()):
             for arc in arcs(problem):
                 yield Trip(problem.frame, arc)
@@ -338,7 +341,7 @@ class Means:
         """Return the stop straight ahead from a state, or standing there."""
         return straight_stop(state, braking, self.settings, self.breakpoints)
 
-    def stopping(self, now: Replan, trip: Trip, reason: Reason) -> OnlinePlan:
+    def stopping(self, now: Replan, trip: Trip, reason: Reason | None) -> OnlinePlan:
         """Return the plan to stop, or to stand."""
         stop = Stop(trip, trip.frame.time)
         certificate = self.safety_gate.certify_stop(now.moment, stop, None)

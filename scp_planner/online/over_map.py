@@ -1,15 +1,13 @@
 """A map while driving: trips are planned in local ground along a route, and what is driven is certified over the cells.
 
-The ground is a corridor for all that plans; the safety gate asks the map besides. The planner of whole trips looks for
-routes, in a share of the time of each replan. Meanwhile the last plan is driven as long as it can be left for a
-certified stop.
+The ground is a corridor for trips; manoeuvres and the safety gate ask the cells. Routes are looked for in a share of
+the time of each replan. Meanwhile the last plan is driven as long as it can be left for a certified stop.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -26,15 +24,12 @@ from scp_planner.online.reasons import REASONS, Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
-from scp_planner.planning.offline import planned
-from scp_planner.planning.over_map import OVER_MAP, CorridorSearch, ground_along, with_ground
-from scp_planner.planning.plan import Plan
+from scp_planner.planning.over_map import OVER_MAP, ground_along, leads_through, least_time_along, with_ground
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MapRoutes, straightened
 from scp_planner.scenario.checks import room_on_map
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
-from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
@@ -43,10 +38,8 @@ from scp_planner.trips.trip import Trip
 
 @dataclass(frozen=True)
 class OnlineMapParameters:
-    patience: float = 3.0  # Units of time that the vehicle stands in vain, until another route is looked for
-    growth: float = 2.0  # Factor of that from one time to the next
-    gain: float = 0.02  # Share by which another route must be faster for the vehicle to change over
-    budget: float = 1.0  # s of work, after which no better trip is looked for where replans have deadlines
+    patience: float = 3.0  # Units of time without a trip to the goal, until another route is looked for
+    gain: float = 0.02  # Share by which another route must be shorter than what is left, for the vehicle to change over
     share: float = 0.5  # Of the time up to a deadline, for the search
 
 
@@ -65,12 +58,11 @@ class RouteAhead:
         assert asked.ground is not None
         self.asked, self.scene, self.map = asked, asked, asked.ground.map
         self.none: Reason | None = SOUGHT  # Why no route is under way
-        self.begin: Trip | None = None  # Found, and not yet driven
-        self._left: Trip | None = None  # The trip of the last plan when it was found
+        self._pieces: list[Array] = []  # of the ground
         self._grown, self._due = False, True
-        self._search: Coroutine[Plan | Reason | None] | None = None
+        self._search: Coroutine[list[Array] | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
-        self._again, self._patience = np.inf, ONLINE_MAP.patience
+        self._again = np.inf
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a search under way anew."""
@@ -80,18 +72,13 @@ class RouteAhead:
         """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
         state, last, grown = now.moment.state, now.last, self._grown
         leads = last is not None and last.outcome not in AWAY and means.arrival.is_end_of(last.trip)
-        if leads and last is not None and last.trip is not self._left:
-            self.begin = None
-        elif self.begin is not None and state.speed <= STOPS.standing:
-            self.begin = Trip(replace(self.begin.frame, time=state.time), self.begin.trajectory)
-            self._due = self._due or not means.stays(self._from, state)
         if not grown:  # Another map or goal: what is driven may still be as good as any
             alone = replace(now.moment, zones=())
             if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
                 self.none = None
             self._grow(now, means, [])
-        elif state.speed > STOPS.standing:
-            self._again, self._patience = state.time + self._patience, ONLINE_MAP.patience
+        elif leads:
+            self._again = state.time + ONLINE_MAP.patience
         elif state.time >= self._again and not means.arrival.is_there(state.position):
             self._due, self._again = True, np.inf
         return (self._due and self._searched(now, means, leads)) or not grown
@@ -105,22 +92,20 @@ class RouteAhead:
         done = self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
         return done and self._take(self._search.result, now, means)
 
-    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[Plan | Reason | None]:
+    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[list[Array] | Reason | None]:
         scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
-        budget = ONLINE_MAP.budget if np.isfinite(now.deadline) else None
-        return Coroutine(partial(_fastest, scene, self.map, standing, means.settings, left, budget))
+        return Coroutine(partial(_routes, scene, self.map, standing, left * (1.0 - ONLINE_MAP.gain)))
 
-    def _take(self, found: Plan | Reason | None, now: Replan, means: Means) -> bool:
-        """Drive what was found from now on; where there is none, go on as before."""
-        state, last = now.moment.state, now.last
-        self._search, self._due, self._again = None, False, state.time + self._patience
-        self._patience *= ONLINE_MAP.growth
-        if not (isinstance(found, Plan) and found.certified):
-            self.none = self.none and (found if isinstance(found, Reason) else NO_ROUTE)
+    def _take(self, found: list[Array] | Reason | None, now: Replan, means: Means) -> bool:
+        """Plan along a route that was found from now on; where there is none, go on as before."""
+        self._search, self._due, self._again = None, False, now.moment.state.time + ONLINE_MAP.patience
+        if not isinstance(found, list):
+            self.none = self.none and (found or NO_ROUTE)
             return False
-        self.none, self.begin = None, found.trip
-        self._left = None if last is None else last.trip
-        self._grow(now, means, [_ahead(found.trip, state)])
+        if self.none is None and leads_through(self._pieces, found[0], self.asked.vehicle.radius):
+            return False
+        self.none = None
+        self._grow(now, means, found)
         return True
 
     def _grow(self, now: Replan, means: Means, lines: list[Array]) -> None:
@@ -129,7 +114,7 @@ class RouteAhead:
         if last is not None and (state.speed > STOPS.standing or not lines):
             lines = [*lines, _ahead(last.trip, state)]
         scene = self._scene_at(state, means)
-        pieces = ground_along(MapRoutes(scene, self.map), lines or [np.array([state.position] * 2)])
+        pieces = self._pieces = ground_along(MapRoutes(scene, self.map), lines or [np.array([state.position] * 2)])
         guide = self.asked.guide
         if guide is None and self.none is None:
             line = straightened(lines[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
@@ -145,21 +130,10 @@ class RouteAhead:
         return changed(scene, corridor=None, guide=guide, vehicle=vehicle)
 
 
-def _fastest(
-    scene: Scenario,
-    ground: OccupancyMap,
-    standing: tuple[ThreatZone, ...],
-    settings: SceneSettings,
-    left: float,
-    budget: float | None,
-) -> Plan | Reason | None:
-    """Find the fastest trip among what stands, or over the map alone; None if it is no faster than a time, s."""
-    settings = replace(settings, clearance_margin=SceneSettings.clearance_margin)
-
-    def one(within: Scenario, _left: float | None, along: Array | None = None) -> Plan:  # no limit: a plan is finished
-        found = (*standing, *corridor_zones(within))
-        return planned(within, settings, None, None, threat_zones=found, along=along)
-
+def _routes(
+    scene: Scenario, ground: OccupancyMap, standing: tuple[ThreatZone, ...], within: float
+) -> list[Array] | Reason | None:
+    """Find routes among what stands, or over the map alone, the best to follow first; None if none takes so long, s."""
     while True:
         shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
         batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
@@ -172,12 +146,10 @@ def _fastest(
     if line is None:
         places = ((scene.start, ON_CELLS), (scene.goal, GOAL_ON_CELLS))
         return next((why for place, why in places if room_on_map(scene, place) < scene.vehicle.radius), NO_ROUTE)
-    end = None if budget is None else thread_time() + budget
-    search = CorridorSearch(scene, one, routes, lambda: None if end is None else max(end - thread_time(), 0.0))
-    if search.least(line) > left * (1.0 - ONLINE_MAP.gain):
+    if least_time_along(scene, line) > within:
         return None
-    found = search.run(line)
-    return found if found.travel_time < left * (1.0 - ONLINE_MAP.gain) else None
+    lines = [line] if routes.drivable is None else [routes.drivable, line]
+    return [np.concatenate([[scene.start.position], each[1:-1], [scene.goal.position]]) for each in lines]
 
 
 def _ahead(trip: Trip, state: State) -> Array:

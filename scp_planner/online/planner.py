@@ -316,7 +316,7 @@ class Planner(Changeable):
         if route.renewed(now, self._means):
             self._set_out(route.scene, self.solver)
             now.moment = self._means.moment(now.moment.state, now.last)
-        now.begin, now.unrouted = route.begin, route.none
+        now.unrouted = route.none
         now.lap("route")
 
     def _ask(self, predictor: Predictor, now: float, position: ArrayLike) -> None:

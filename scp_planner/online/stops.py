@@ -11,6 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.foresight import foreseen
+from scp_planner.online.tolerances import SPEED
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path
@@ -116,7 +117,7 @@ def standing_from(stop: Trajectory) -> float:
 def stop_now(path: Path, speed: float, deceleration: float) -> Trajectory:
     """Return the stop along a path that decelerates evenly from its start, or stands there."""
     size = path.space.acceleration_size
-    if speed <= STOPS.standing:
+    if speed <= SPEED:
         return Trajectory(path, np.zeros(size), STOPS.hold)
     return Trajectory(path, np.full(size, -deceleration), speed / deceleration)
 

@@ -15,7 +15,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polylines import points_at
 from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.attempts import Attempt
-from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.planning.runs import CheckedRuns, ScpRun
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import CloserWays, Ways
 from scp_planner.problem.guides import STEEPEST, bend_radius, guide_over
@@ -30,8 +30,9 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import Way
-from scp_planner.settings.planning import for_scene
+from scp_planner.settings.planning import SceneSettings
 from scp_planner.trips.guide import Guide
+from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -166,9 +167,8 @@ class Routes:
         return route
 
 
-def guide_on(task: Task, line: Array) -> Guide:
+def guide_on(scenario: Scenario, line: Array, settings: SceneSettings) -> Guide:
     """Return a guide on a route, (n, 2) m from start to goal, that the vehicle can follow."""
-    scenario, settings = task.scenario, for_scene(task.settings)
     limits = Limits.of(scenario, settings.limit_margin).rounded()
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
     points = frame.to_frame(line)
@@ -205,12 +205,18 @@ class AlongGuide(Attempt[TripSearch, ScpRun]):
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
         problem, loop = search.runs.problem, search.runs.careful_loop
         for steady in (False, True):
-            profile = drive_along(problem.space.guide, problem, steady=steady)
-            way = Way(float(profile.times[-1]), profile.stations, np.zeros(len(profile.stations)), profile.times)
-            found = search.runs.attempt(trip_along(problem, way), search.cutoff, loop=loop, mended=ALONG.mended)
+            begin = trip_on_guide(problem, steady=steady)
+            found = search.runs.attempt(begin, search.cutoff, loop=loop, mended=ALONG.mended)
             yield found
             if found.holds:
                 return
+
+
+def trip_on_guide(problem: Problem, *, steady: bool = False) -> Trajectory:
+    """Return the fastest trip on the guide itself within the limits at each bend, or everywhere at the tightest."""
+    profile = drive_along(problem.space.guide, problem, steady=steady)
+    way = Way(float(profile.times[-1]), profile.stations, np.zeros(len(profile.stations)), profile.times)
+    return trip_along(problem, way)
 
 
 def drive_along(guide: Guide, problem: Problem, *, steady: bool = False) -> SpeedProfile:

@@ -199,7 +199,9 @@ def _guided(task: Task, units: NaturalUnits, along: Array | None, begin: Trip | 
         return search
     if along is None:
         return None
-    search = TripSearch(CheckedRuns(task, guide_on(task, (along - units.origin) / units.length)))
+    search = TripSearch(
+        CheckedRuns(task, guide_on(task.scenario, (along - units.origin) / units.length, for_scene(task.settings)))
+    )
     search.walk(attempts(search, None, along=False))
     assert search.best is not None, "the first run is never cut off"
     return search

@@ -72,6 +72,21 @@ def ground_along(routes: MapRoutes, lines: Sequence[Array]) -> list[Array]:
     return [piece for line in lines for piece in routes.along(straightened(line, off))]
 
 
+def least_time_along(scenario: Scenario, line: Array) -> float:
+    """Time along a polyline, (n, 2) m, but for its bends, s."""
+    start, goal = scenario.start, scenario.goal
+    length = float(np.hypot(*np.diff(line, axis=0).T).sum()) - goal.radius
+    return straight_travel_time(max(length, 0.0), start.speed, Limits.of(scenario), goal.speed)[0]
+
+
+def leads_through(ground: Sequence[Array], line: Array, apart: float) -> bool:
+    """True if convex polygons hold the places of a polyline, (n, 2) m, that are so far apart, m."""
+    steps = np.hypot(*np.diff(line, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    places = points_at(np.arange(0.0, along[-1], apart), along, line)
+    return bool(np.any([in_convex(piece, places) for piece in ground], axis=0).all())
+
+
 def with_ground(scenario: Scenario, grown: Sequence[Array]) -> Scenario:
     """Return a scenario in some ground, in place of its map."""
     pieces = tuple(tuple((float(x), float(y)) for x, y in piece) for piece in grown)
@@ -100,7 +115,8 @@ class CorridorSearch:
             self._along(lines)
         else:
             for line in lines:
-                if not (self._certified and (self.least(line) >= self._time or self._leads_through(line))):
+                known = self._certified and leads_through(self.grown, line, self.scenario.vehicle.radius)
+                if not known and least_time_along(self.scenario, line) < self._time:
                     self._along([line], line)
             if not self._certified and len(self.routes.along(shortest)) <= MAPS.most_open:
                 self._along(lines)
@@ -118,12 +134,6 @@ class CorridorSearch:
     def _time(self) -> float:
         return np.inf if self.best is None else self.best.travel_time
 
-    def least(self, line: Array) -> float:
-        """Time along a polyline, but for its bends, s."""
-        start, goal = self.scenario.start, self.scenario.goal
-        length = float(np.hypot(*np.diff(line, axis=0).T).sum()) - goal.radius
-        return straight_travel_time(max(length, 0.0), start.speed, Limits.of(self.scenario), goal.speed)[0]
-
     @property
     def _over(self) -> bool:
         return self.left() == 0.0
@@ -136,14 +146,6 @@ class CorridorSearch:
         self._along([line], line)
         assert self.best is not None
         return self.best.travel_time < before.travel_time * (1.0 - OVER_MAP.gain)
-
-    def _leads_through(self, line: Array) -> bool:
-        """True if the ground that was grown last holds a polyline: then its trip is one round the same obstacles."""
-        steps = np.hypot(*np.diff(line, axis=0).T)
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        at = np.arange(0.0, along[-1], self.scenario.vehicle.radius)
-        places = points_at(at, along, line)
-        return bool(np.any([in_convex(piece, places) for piece in self.grown], axis=0).all())
 
     def _along(self, lines: Sequence[Array], along: Array | None = None) -> None:
         """Plan in the ground along some polylines, at first along one of them, and keep the better plan."""

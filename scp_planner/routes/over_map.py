@@ -10,7 +10,7 @@ from math import ceil, cos, hypot, sin, sqrt
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, unit_vectors
-from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.mathematics.occupancy import OccupancyMap, pooled
 from scp_planner.pauses import pause
 from scp_planner.routes.drivable import drivable_route
 from scp_planner.routes.outlines import StandingShape
@@ -49,12 +49,12 @@ class MapRoutes:
     def route(self) -> Array | None:
         """Return a polyline from start to goal, (n, 2) m, near to the shortest; None where there is none."""
         wanted = ceil(sqrt(self.ground.occupied.size / MAPS.many))
-        pooled = max(1, min(int(MAPS.fine * self.radius / self.ground.resolution), wanted))
+        size = max(1, min(int(MAPS.fine * self.radius / self.ground.resolution), wanted))
         while True:
-            found = self._route(_pooled(self.ground, pooled))
-            if found is not None or pooled == 1:
+            found = self._route(pooled(self.ground, size))
+            if found is not None or size == 1:
                 return found
-            pooled = max(1, pooled // 2)
+            size = max(1, size // 2)
 
     def _route(self, coarse: OccupancyMap) -> Array | None:
         free = ~_dilated(coarse, self.radius)
@@ -185,17 +185,6 @@ def _cut(polygon: Array, normal: Array, height: float) -> Array:
         if here * there < 0.0:
             found.append(polygon[k] + here / (here - there) * (polygon[(k + 1) % len(polygon)] - polygon[k]))
     return np.array(found)
-
-
-def _pooled(ground: OccupancyMap, count: int) -> OccupancyMap:
-    """The map with so many cells as one, occupied where one of them is."""
-    if count == 1:
-        return ground
-    rows, columns = ground.occupied.shape
-    padded = np.pad(ground.occupied, ((0, -rows % count), (0, -columns % count)), constant_values=ground.beyond)
-    shape = padded.shape[0] // count, count, padded.shape[1] // count, count
-    pooled: Mask = np.any(padded.reshape(shape), axis=(1, 3))
-    return OccupancyMap(pooled, ground.resolution * count, ground.origin, ground.yaw, ground.beyond)
 
 
 def _dilated(ground: OccupancyMap, radius: float, rows_at_once: int = 512) -> Mask:

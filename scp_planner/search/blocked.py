@@ -12,6 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.constraints.ends import FOLD
+from scp_planner.pauses import pause
 from scp_planner.problem.problem import Problem
 from scp_planner.search.grid import DELAYS, Grid, Words
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -205,6 +206,7 @@ class Cells:
                 self._free[lines] &= ~words
                 if cuts.lasting:
                     self._open[lines] &= words == 0
+                pause()
                 if self.out_of_time:
                     self.cut_off = True
                     return

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Index
+from scp_planner.pauses import pause
 from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
 WORD_BYTES = DELAYS // 8
@@ -188,7 +189,9 @@ class Sweep:
         assert before is not None, "the last one is kept"
         for i in range(len(self.reached), grid.columns + 1):
             before = self._advanced(i, before)
-            self.cut_off = i % CHUNKS.look_each == 0 and perf_counter() > deadline
+            if i % CHUNKS.look_each == 0:
+                pause()
+                self.cut_off = perf_counter() > deadline
             if self.cut_off or not any(before):
                 return
             self.reached.append(before)

@@ -11,6 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, cross
 from scp_planner.constraints.arrival import EarliestArrival
+from scp_planner.pauses import pause
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
@@ -128,6 +129,7 @@ class WaySearch:
         found: list[Way | None] = [None] * len(cases)
         left = [k for k, closed in enumerate(cases) if not self.cells.shut(closed)]
         for latest in self._windows(within) if left else ():
+            pause()
             if self.cells.out_of_time:
                 return found
             reached, all_known = self._reached([cases[k] for k in left], self._in_time(latest), within)
