@@ -1,8 +1,9 @@
-"""Maximum likelihood of motions, against generalised least squares and simulation."""
+"""Maximum likelihood of motions, against generalised least squares, the article's closed form and simulation."""
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +21,28 @@ from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 pytestmark = pytest.mark.numerics
 
 PRIOR = MotionPrior((0.5, 0.1), 0.7, (0.0, -0.2), 0.3)
+
+
+def closed_form(times: list[Fraction], t: Fraction) -> float:
+    """Variance of the estimate at t in units of sigma^2, written out in c_j = sum t_i^j as in the publication."""
+    n, c1, c2, c3, c4 = (sum(s**j for s in times) for j in range(5))
+    determinant = n * (c2 * c4 - c3**2) - c1 * (c1 * c4 - c2 * c3) + c2 * (c1 * c3 - c2**2)
+    numerator = (
+        (c2 * c4 - c3**2)
+        + 2 * t * (c2 * c3 - c1 * c4)
+        + t**2 * (2 * (c1 * c3 - c2**2) + n * c4 - c2**2)
+        + 2 * t**3 * (c1 * c2 - n * c3)
+        + t**4 * (n * c2 - c1**2)
+    )
+    return float(numerator / determinant)
+
+
+@pytest.mark.parametrize("count", [3, 5, 20])
+def test_variance_agrees_with_the_closed_form(count: int) -> None:
+    times = [Fraction(i, 8) + Fraction(i * i, 64) for i in range(count)]
+    seen = estimate_motion([float(t) for t in times], np.zeros((count, 2)), SIGMA)
+    for t in (Fraction(-1), Fraction(1, 3), times[-1], times[-1] + 7):
+        assert seen.covariance(float(t)) == pytest.approx(closed_form(times, t) * SIGMA, rel=1e-9)
 
 
 def normal_equations(

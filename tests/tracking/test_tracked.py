@@ -11,12 +11,16 @@ from scenes import scene
 from tracked_states import ACCELERATION, POSITION, VELOCITY, covariance, estimate, obstacle
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.estimate import tracked_motion
-from scp_planner.tracking.kalman import estimate_process
+from scp_planner.tracking.kalman import estimate_process, estimate_processes
+from scp_planner.tracking.maximum_likelihood import estimate_motion
+from scp_planner.tracking.observations import check_observations
 
 pytestmark = pytest.mark.numerics
 
+RUNS = 4000
 PROCESSES: dict[str, dict[str, Any]] = {
     "random_walk": {"diffusion": 0.2},
     "mean_reverting": {"diffusion": 0.3, "time_constant": 2.0},
@@ -57,6 +61,69 @@ def test_a_filter_that_is_interrupted_goes_on_as_if_it_was_not() -> None:
         times = last.reference_time + np.array([0.0, 0.7, 3.0])
         np.testing.assert_allclose(again.position(times), last.position(times), rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(again.covariance(times), last.covariance(times), rtol=1e-9)
+
+
+def states(model: ProcessModel | None, components: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """True states (RUNS, 3, 2) now and what a tracker says of them (RUNS, components, 2), of obstacles of a model."""
+    true = np.zeros((RUNS, 3, 2))
+    true[:, :2] = np.array([POSITION, VELOCITY])
+    if components == 3:
+        true[:, 2] = ACCELERATION
+    said = rng.multivariate_normal(np.zeros(2 * components), covariance(components), RUNS).reshape(RUNS, components, 2)
+    return true, true[:, :components] + said
+
+
+@pytest.mark.parametrize(("components", "kind"), [(2, None), (3, None), (2, "random_walk"), (3, "singer")])
+def test_zones_hold_what_they_promise(components: int, kind: str | None) -> None:
+    """At all times: true motions drawn step by step from a state that a tracker tells with errors."""
+    rng = np.random.default_rng(8)
+    model = None if kind is None else process(kind)
+    state, said = states(model, components, rng)
+    given = scene(obstacle(components, model={} if model is None else {"process": model}))
+    given = given.model_copy(update={"confidence": sp.Confidence(probability=0.9, level="per_obstacle")})
+    (zone,) = sp.zones(given)
+    inside, step = np.ones(RUNS, dtype=bool), 0.1
+    for k in range(61):
+        # errors do not hang on the state that was told: where the zone of each run would be
+        expected = zone.center(step * k) + np.einsum(
+            "p,npa->na", _row(model, components, step * k), said - said_mean(components)
+        )
+        offset = state[:, 0] - expected
+        matrix = zone.covariance(step * k)
+        inside &= np.einsum("na,ab,nb->n", offset, np.linalg.inv(matrix), offset) <= 1.0
+        state = moved(state, model, step, rng)
+    share = float(inside.mean())
+    assert 0.9 - 3.0 * np.sqrt(0.09 / RUNS) <= share < 0.99
+
+
+def said_mean(components: int) -> Array:
+    return np.array([POSITION, VELOCITY, ACCELERATION])[:components]
+
+
+def _row(model: ProcessModel | None, components: int, lead: float) -> Array:
+    """Row that maps the state to a later position."""
+    if model is not None and model.process.kind == "singer":
+        tau = model.process.time_constant
+        return np.array([1.0, lead, tau**2 * (lead / tau - 1.0 + np.exp(-lead / tau))])
+    return np.array([1.0, lead, 0.5 * lead**2])[:components]
+
+
+def moved(state: Array, model: ProcessModel | None, step: float, rng: np.random.Generator) -> Array:
+    """States (RUNS, 3, 2) a short step later, by many shorter ones."""
+    parts = 10 if model is not None else 1
+    dt = step / parts
+    for _ in range(parts):
+        noise = np.sqrt(dt) * rng.normal(size=(len(state), 2)) if model is not None else 0.0
+        new = state.copy()
+        new[:, 0] += dt * state[:, 1] + 0.5 * dt**2 * state[:, 2]
+        new[:, 1] += dt * state[:, 2]
+        if model is not None and model.process.kind == "random_walk":
+            new[:, 1] += np.sqrt(model.process.diffusion) * noise
+        elif model is not None and model.process.kind == "singer":
+            new[:, 2] += -dt / model.process.time_constant * state[:, 2]
+            new[:, 2] += model.process.deviation * np.sqrt(2.0 / model.process.time_constant) * noise
+        state = new
+    return state
 
 
 def test_what_a_tracker_does_not_tell_is_as_the_model_says() -> None:
@@ -129,3 +196,18 @@ def test_an_estimate_fits_its_obstacle(changes: dict[str, Any], fault: str) -> N
     with pytest.raises(sp.ScenarioError) as caught:
         scene({**obstacle(), **changes})
     assert fault in str(caught.value)
+
+
+def test_filtered_positions_are_no_independent_observations() -> None:
+    """Why a tracker's output has a door of its own: taken for observations, it promises far too much."""
+    rng, inside, runs, times = np.random.default_rng(5), 0, 100, 0.1 * np.arange(30)
+    for _ in range(runs):
+        seen = rng.normal(0.0, 0.3, (len(times), 2))  # of something that stands at the origin
+        noise = 0.09 * np.eye(2)
+        so_far = [check_observations(times[:k], seen[:k], noise) for k in range(1, 31)]
+        states = estimate_processes(process("random_walk"), so_far)
+        filtered, blurs = (np.array([one.mean[0] for one in states]), [one.state_covariance[:2, :2] for one in states])
+        motion = estimate_motion(times, filtered, np.array(blurs), order=1)
+        offset = motion.position(4.9)
+        inside += float(offset @ np.linalg.solve(motion.covariance(4.9), offset)) <= -2.0 * np.log(0.05)
+    assert inside / runs < 0.85
