@@ -56,11 +56,18 @@ OVER = object()
 
 
 @dataclass
+class Cutoff:
+    """Units of time; only ways that may be faster are looked for. A search holds this, and not its look."""
+
+    value: float
+
+
+@dataclass
 class Look:
     """A look at other ways round, which goes on from replan to replan."""
 
     runs: int
-    cutoff: float  # Units of time; only ways that may be faster are looked for
+    cutoff: Cutoff
     starts: Iterator[Trip | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
     steps: int = 0  # ...after so many steps of the loop
@@ -126,9 +133,10 @@ class Looks:
         first, cutoff = now.aimless, math.inf if best is None else _cutoff(now, best)
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOKS.runs
-            self._look = look = Look(runs, cutoff)
+            known = Cutoff(cutoff)
+            self._look = look = Look(runs, known)
             part = WAYS.branches if first else LOOKS.part
-            look.starts = self._means.starts(fresh.problem, lambda: look.cutoff, part)
+            look.starts = self._means.starts(fresh.problem, lambda: known.value, part)
         look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
@@ -174,7 +182,7 @@ class Looks:
                     return vetted
                 if isinstance(vetted, Vetted) and (clear or spare is None):
                     spare = vetted
-                    look.cutoff = cutoff = vetted.trip.trajectory.travel_time if clear else cutoff
+                    look.cutoff.value = cutoff = vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
             if now.late or (ended and not first):

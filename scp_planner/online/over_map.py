@@ -50,6 +50,14 @@ ON_CELLS = Reason(ReasonCode.BLOCKED, "The vehicle is on occupied cells of the m
 GOAL_ON_CELLS = Reason(ReasonCode.BLOCKED, "The goal is on occupied cells of the map.", NAME)
 
 
+@dataclass(frozen=True)
+class Along:
+    """Routes to the goal, (n, 2) m each, the best to follow first, and the ground along them."""
+
+    lines: list[Array]
+    ground: list[Array]
+
+
 class RouteAhead:
     """The ground along the route under way, and the search for another one."""
 
@@ -58,9 +66,9 @@ class RouteAhead:
         assert asked.ground is not None
         self.asked, self.scene, self.map = asked, asked, asked.ground.map
         self.none: Reason | None = SOUGHT  # Why no route is under way
-        self._pieces: list[Array] = []  # of the ground
+        self._ground: list[Array] = []
         self._grown, self._due = False, True
-        self._search: Coroutine[list[Array] | Reason | None] | None = None
+        self._search: Coroutine[Along | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
 
@@ -76,7 +84,7 @@ class RouteAhead:
             alone = replace(now.moment, zones=())
             if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
                 self.none = None
-            self._grow(now, means, [])
+            self._grow(now, means, Along([], []))
         elif leads:
             self._again = state.time + ONLINE_MAP.patience
         elif state.time >= self._again and not means.arrival.is_there(state.position):
@@ -92,32 +100,34 @@ class RouteAhead:
         done = self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
         return done and self._take(self._search.result, now, means)
 
-    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[list[Array] | Reason | None]:
+    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[Along | Reason | None]:
         scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
         return Coroutine(partial(_routes, scene, self.map, standing, left * (1.0 - ONLINE_MAP.gain)))
 
-    def _take(self, found: list[Array] | Reason | None, now: Replan, means: Means) -> bool:
+    def _take(self, found: Along | Reason | None, now: Replan, means: Means) -> bool:
         """Plan along a route that was found from now on; where there is none, go on as before."""
         self._search, self._due, self._again = None, False, now.moment.state.time + ONLINE_MAP.patience
-        if not isinstance(found, list):
+        if not isinstance(found, Along):
             self.none = self.none and (found or NO_ROUTE)
             return False
-        if self.none is None and leads_through(self._pieces, found[0], self.asked.vehicle.radius):
+        if self.none is None and leads_through(self._ground, found.lines[0], self.asked.vehicle.radius):
             return False
         self.none = None
         self._grow(now, means, found)
         return True
 
-    def _grow(self, now: Replan, means: Means, lines: list[Array]) -> None:
-        """Grow the ground along polylines, (n, 2) m, from here to the goal, and along what is driven."""
-        state, last = now.moment.state, now.last
-        if last is not None and (state.speed > STOPS.standing or not lines):
-            lines = [*lines, _ahead(last.trip, state)]
-        scene = self._scene_at(state, means)
-        pieces = self._pieces = ground_along(MapRoutes(scene, self.map), lines or [np.array([state.position] * 2)])
+    def _grow(self, now: Replan, means: Means, found: Along) -> None:
+        """Take the ground along routes from here to the goal, and grow it along what is driven."""
+        state, last, lines = now.moment.state, now.last, list[Array]()
+        if last is not None and (state.speed > STOPS.standing or not found.lines):
+            lines = [_ahead(last.trip, state)]
+        elif not found.lines:
+            lines = [np.array([state.position] * 2)]
+        routes = MapRoutes(self._scene_at(state, means), self.map)
+        pieces = self._ground = [*found.ground, *ground_along(routes, lines)]
         guide = self.asked.guide
         if guide is None and self.none is None:
-            line = straightened(lines[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
+            line = straightened((found.lines or lines)[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
             guide = (*((x, y) for x, y in line.tolist()), self.asked.goal.position)
         grown = with_ground(self.asked, pieces) if pieces else self.asked
         self.scene, self._grown = changed(grown, ground=self.asked.ground, guide=guide), True
@@ -132,7 +142,7 @@ class RouteAhead:
 
 def _routes(
     scene: Scenario, ground: OccupancyMap, standing: tuple[ThreatZone, ...], within: float
-) -> list[Array] | Reason | None:
+) -> Along | Reason | None:
     """Find routes among what stands, or over the map alone, the best to follow first; None if none takes so long, s."""
     while True:
         shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
@@ -149,7 +159,8 @@ def _routes(
     if least_time_along(scene, line) > within:
         return None
     lines = [line] if routes.drivable is None else [routes.drivable, line]
-    return [np.concatenate([[scene.start.position], each[1:-1], [scene.goal.position]]) for each in lines]
+    lines = [np.concatenate([[scene.start.position], each[1:-1], [scene.goal.position]]) for each in lines]
+    return Along(lines, ground_along(routes, lines))
 
 
 def _ahead(trip: Trip, state: State) -> Array:

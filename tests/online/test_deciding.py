@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import threading
 from collections.abc import Callable, Iterator
+from time import perf_counter, sleep
 
 import numpy as np
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.arrays import Array
@@ -168,3 +172,25 @@ def test_a_robot_stays_on_its_pavement_and_is_not_walked_into() -> None:
         room = np.minimum(places - limits["min"], np.array(limits["max"]) - places).min() - robot["radius"]
         assert room >= -1e-3
         assert np.hypot(*(people.place - places[-1]).T).min() >= robot["radius"] + 0.3
+
+
+def test_a_search_for_ways_goes_on_in_the_next_replan_and_ends_with_its_planner() -> None:
+    before = threading.active_count()
+    posts = [disc(f"post{k}", (2.0 + 0.8 * k, (-1.0) ** k * 0.4), (0.0, 0.1), radius=0.3) for k in range(24)]
+    planner = sp.Planner(scene(*posts, goal={"position": (22.0, 0.0)}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=1e-4)
+    assert threading.active_count() > before
+    for number in range(200):
+        planner.replan(0.01 * number, (0.0, 0.0), 0.0, 0.0, deadline=5e-3)
+        if threading.active_count() == before:
+            break
+    assert threading.active_count() == before
+    planner = sp.Planner(scene(*posts, goal={"position": (22.0, 0.0)}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=1e-4)
+    assert threading.active_count() > before
+    del planner
+    gc.collect()
+    until = perf_counter() + 10.0
+    while threading.active_count() > before and perf_counter() < until:
+        sleep(0.001)
+    assert threading.active_count() == before
