@@ -40,7 +40,7 @@ def _members(probability: float) -> Array:
     return np.asarray(((_weights() > 0.0) / limits).T)
 
 
-def _cut(innovations: Array) -> Array:
+def cut(innovations: Array) -> Array:
     """Give standardised innovations (2, ...) as windows look at them: cut at `wild`, and their squares, (3, ...)."""
     x, y = innovations
     squares = x * x + y * y
@@ -50,12 +50,12 @@ def _cut(innovations: Array) -> Array:
 
 
 def tested(innovations: Array, probability: float) -> tuple[Array, Array]:
-    """Squared trends and test statistics of the windows over the newest innovations (2, ..., ring, n), oldest first.
+    """Squared trends and test statistics of the windows over the newest innovations, cut, (3, ..., ring, n), in order.
 
     Both are (..., windows, n): trends are chi-square with 2 degrees of freedom, and an alarm, of a probability, is a
     statistic above 1.
     """
-    x, y, squares = _cut(innovations)
+    x, y, squares = innovations
     weights = _weights().T
     trends = (weights @ x) ** 2 + (weights @ y) ** 2
     return trends, np.maximum(_members(probability) @ squares, trends / (-2.0 * math.log(probability)))

@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.settings.online import RARE
 from scp_planner.tracking.change_hypotheses import Measurements
-from scp_planner.tracking.innovations import INNOVATIONS, tested
+from scp_planner.tracking.innovations import INNOVATIONS, cut, tested
 from scp_planner.tracking.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.tracking.oscillators import SlotStates, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
@@ -47,6 +47,7 @@ class Bank:
         # Of the newest measurements, the last of them last: times and positions, and the standardised innovations of
         # the polynomials and of all filters. Log densities are in a ring, since nobody asks for their order
         self._looks, self._innovations = np.zeros((3, _KEPT, 0)), np.zeros((2, 1 + levels, _KEPT, 0))
+        self._cut = np.zeros((3, 1 + levels, _KEPT, 0))  # the innovations, as windows look at them
         self._evidence = np.zeros((1 + levels, _KEPT, 0))
         self._free: list[int] = []
 
@@ -69,7 +70,7 @@ class Bank:
         self.polynomials.reset(slot)
         for array in (self.count, self._since, self.alarmed, self.weights, self.trend):
             array[..., slot] = 0
-        for ring in (self._innovations, self._evidence):
+        for ring in (self._innovations, self._cut, self._evidence):
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
 
@@ -80,6 +81,7 @@ class Bank:
     def set_noise(self, factor: float) -> None:
         """Take the variance of the noise for so many times what is declared."""
         self._innovations *= np.sqrt(self.noise / factor)
+        self._cut = cut(self._innovations)
         self.noise = factor
         for slot in range(len(self.count)):
             self.polynomials.set_covariance(slot, factor * self._sigma[..., slot])
@@ -129,7 +131,9 @@ class Bank:
                 found = self._filter(states, slots[some], lag[some], positions[some])
                 evidence[which, some], innovations[:, which, some] = found
         self.last[slots] = times
-        for kept, newest in ((self._looks, np.stack([times, *positions.T])), (self._innovations, innovations)):
+        looks = np.stack([times, *positions.T])
+        rings = (self._looks, looks), (self._innovations, innovations), (self._cut, cut(innovations))
+        for kept, newest in rings:
             kept[..., :-1, where] = kept[..., 1:, where]
             kept[..., -1, where] = newest
         self._evidence[:, self.count[slots] % _KEPT, slots] = evidence
@@ -206,7 +210,7 @@ class Bank:
 
     def _notice(self, slots: Index) -> None:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
-        trends, worst = tested(self._innovations[:, 0][..., _run(slots)], self.alarm_probability)
+        trends, worst = tested(self._cut[:, 0][..., _run(slots)], self.alarm_probability)
         most = worst.max(axis=0)
         self.trend[slots] = trends.max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[slots]
@@ -244,7 +248,7 @@ class Bank:
         self.swings.put(slots, part)
         evidence, found = self._judged(slots, innovation, variance)
         swings, place = 1 + self._walks, (self.count[slots] + np.arange(_KEPT)[:, None]) % _KEPT
-        self._innovations[:, swings:, :, slots] = found
+        self._innovations[:, swings:, :, slots], self._cut[:, swings:, :, slots] = found, cut(found)
         self._evidence[swings:, place, slots] = np.where(told, evidence, 0.0)
 
     def _weigh(self, slots: Index, calm: Mask) -> None:
@@ -268,7 +272,7 @@ class Bank:
         """True if each filter's own windows are not improbable, (M, n)."""
         span = np.arange(slots.min(), slots.max() + 1)
         some = span if len(span) < 2 * len(slots) else slots  # most are all: it costs less to look where they are
-        _, worst = tested(self._innovations[:, 1:, :, _run(some)], self.alarm_probability)
+        _, worst = tested(self._cut[:, 1:, :, _run(some)], self.alarm_probability)
         holds = worst.max(axis=-2) <= 1.0
         return holds if len(some) == len(slots) else holds[:, slots - span[0]]
 
