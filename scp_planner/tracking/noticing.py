@@ -46,8 +46,9 @@ class Bank:
         self._sigma, self._whiten, self._least = np.zeros((2, 2, 0)), np.zeros((2, 2, 0)), np.zeros(0)
         # Of the newest measurements, the last of them last: times and positions, and the standardised innovations of
         # the polynomials and of all filters. Log densities are in a ring, since nobody asks for their order
-        self._looks, self._innovations = np.zeros((3, _KEPT, 0)), np.zeros((2, 1 + levels, _KEPT, 0))
-        self._cut = np.zeros((3, 1 + levels, _KEPT, 0))  # the innovations, as windows look at them
+        self._looks, self._innovations = np.zeros((3, 2 * _KEPT, 0)), np.zeros((2, 1 + levels, 2 * _KEPT, 0))
+        self._cut = np.zeros((3, 1 + levels, 2 * _KEPT, 0))  # the innovations, as windows look at them
+        self._end = np.zeros(0, dtype=np.intp)  # of the newest `_KEPT` of these
         self._evidence = np.zeros((1 + levels, _KEPT, 0))
         self._free: list[int] = []
 
@@ -73,6 +74,7 @@ class Bank:
         for ring in (self._innovations, self._cut, self._evidence):
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
+        self._end[slot] = _KEPT
 
     def give_back(self, slot: int) -> None:
         """Leave a slot to others."""
@@ -119,7 +121,7 @@ class Bank:
         """Take in one observation each of some obstacles, none of them before its last one."""
         if not len(slots):
             return
-        where, lag, old = _run(slots), times - self.last[slots], self.count[slots] > 0
+        lag, old = times - self.last[slots], self.count[slots] > 0
         innovations = np.zeros((2, 1 + self.widening.size, len(slots)))
         evidence = np.zeros(innovations.shape[1:])
         self.polynomials.take_in(slots, times, positions)
@@ -133,9 +135,12 @@ class Bank:
         self.last[slots] = times
         looks = np.stack([times, *positions.T])
         rings = (self._looks, looks), (self._innovations, innovations), (self._cut, cut(innovations))
+        full = slots[self._end[slots] == 2 * _KEPT]
+        self._end[full] = _KEPT
         for kept, newest in rings:
-            kept[..., :-1, where] = kept[..., 1:, where]
-            kept[..., -1, where] = newest
+            kept[..., :_KEPT, _run(full)] = kept[..., _KEPT:, _run(full)]
+            kept[..., self._end[slots], slots] = newest
+        self._end[slots] += 1
         self._evidence[:, self.count[slots] % _KEPT, slots] = evidence
         self.count[slots] += 1
         self._notice(slots)
@@ -206,11 +211,19 @@ class Bank:
         offset = self._whitened(slots, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
+    def _newest(self, kept: Array, slots: Index) -> Array:
+        """The newest values (..., ring, n), oldest first, of some obstacles."""
+        end = self._end[slots]
+        if (end == end[:1]).all():
+            first = int(end[0]) - _KEPT if len(end) else 0
+            return kept[..., first : first + _KEPT, _run(slots)]
+        return kept[..., end - _KEPT + np.arange(_KEPT)[:, None], slots]
+
     # tests
 
     def _notice(self, slots: Index) -> None:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
-        trends, worst = tested(self._cut[:, 0][..., _run(slots)], self.alarm_probability)
+        trends, worst = tested(self._newest(self._cut[:, 0], slots), self.alarm_probability)
         most = worst.max(axis=0)
         self.trend[slots] = trends.max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[slots]
@@ -229,7 +242,7 @@ class Bank:
 
     def _learn_swings(self, slots: Index) -> None:
         """Let those that weave learn from the newest looks: before an alarm nobody asks for them."""
-        clock, *places = self._looks[..., slots]
+        clock, *places = self._newest(self._looks, slots)
         positions, there = np.stack(places, axis=-1), np.isfinite(clock)
         part, shape = self.swings.of(slots), (self.swings.mean.shape[2], _KEPT, len(slots))
         innovation, variance, told = np.zeros((2, *shape)), np.ones(shape), np.zeros((_KEPT, len(slots)), dtype=bool)
@@ -248,7 +261,8 @@ class Bank:
         self.swings.put(slots, part)
         evidence, found = self._judged(slots, innovation, variance)
         swings, place = 1 + self._walks, (self.count[slots] + np.arange(_KEPT)[:, None]) % _KEPT
-        self._innovations[:, swings:, :, slots], self._cut[:, swings:, :, slots] = found, cut(found)
+        newest = self._end[slots] - _KEPT + np.arange(_KEPT)[:, None]
+        self._innovations[:, swings:, newest, slots], self._cut[:, swings:, newest, slots] = found, cut(found)
         self._evidence[swings:, place, slots] = np.where(told, evidence, 0.0)
 
     def _weigh(self, slots: Index, calm: Mask) -> None:
@@ -270,11 +284,8 @@ class Bank:
 
     def _hold(self, slots: Index) -> Mask:
         """True if each filter's own windows are not improbable, (M, n)."""
-        span = np.arange(slots.min(), slots.max() + 1)
-        some = span if len(span) < 2 * len(slots) else slots  # most are all: it costs less to look where they are
-        _, worst = tested(self._cut[:, 1:, :, _run(some)], self.alarm_probability)
-        holds = worst.max(axis=-2) <= 1.0
-        return holds if len(some) == len(slots) else holds[:, slots - span[0]]
+        _, worst = tested(self._newest(self._cut[:, 1:], slots), self.alarm_probability)
+        return np.asarray(worst.max(axis=-2) <= 1.0)
 
     def weave(self, slots: Index) -> Mask:
         """True if those that weave count among the filters of some obstacles, (n,)."""
@@ -314,13 +325,13 @@ class Bank:
 
     def looks(self, slots: Index) -> Measurements:
         """The newest looks at some obstacles, (n,)."""
-        rows = self._looks[..., _run(slots)]
+        rows = self._newest(self._looks, slots)
         return Measurements(rows[0], rows[1:])
 
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
-        where = _run(slots[self.count[slots] >= NEIGHBOURS])
-        rows, whiten = self._looks[:, -NEIGHBOURS:, where], self._whiten[..., where]
+        some = slots[self.count[slots] >= NEIGHBOURS]
+        rows, whiten = self._newest(self._looks, some)[:, -NEIGHBOURS:], self._whiten[..., _run(some)]
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
         if not apart.all():
             whiten, rows = whiten[..., apart], rows[..., apart]
