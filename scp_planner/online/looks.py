@@ -201,7 +201,7 @@ class Looks:
         """Go on with the way that is being tried, by so many steps at most."""
         assert look.trip is not None
         start, trust = look.trip.trajectory, LOOP.first_trust
-        if look.trip.frame != loop.problem.frame:
+        if look.trip.frame != loop.problem.frame or start.space is not loop.problem.space:
             led = now.moment.moving is not None
             start = remaining_trip(loop.problem, look.trip, now.moment.state, led=led)
             trust = LOOKS.trust if look.steps else LOOP.first_trust

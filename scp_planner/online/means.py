@@ -38,8 +38,8 @@ from scp_planner.online.remaining import State, _guide_from, bounds_round, drive
 from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF
-from scp_planner.planning.along_routes import guide_on, trip_on_guide
-from scp_planner.planning.offline import GETS_AWAY
+from scp_planner.planning.along_routes import guide_on
+from scp_planner.planning.offline import GETS_AWAY, planned
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import default_guide, guide_over
@@ -326,8 +326,13 @@ class Means:
     def starts(self, problem: Problem, cutoff: Callable[[], float], part: int) -> Iterator[Trip | None]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s."""
         any_way = problem.scenario.ground is not None
-        if any_way:  # the route itself
-            yield Trip(problem.frame, trip_on_guide(problem))
+        if any_way:  # the fastest trip along the route, of a search that goes on between replans
+            within = changed(problem.scenario, ground=None, guide=None)
+            settings = replace(self.settings, clearance_margin=SceneSettings.clearance_margin)
+            line, around = np.array(problem.scenario.guide or ()), corridor_zones(within)
+            found = planned(within, settings, None, None, threat_zones=around, along=line if len(line) else None)
+            if found.certified:
+                yield found.trip
         for way in ways_in_parts(
             WaySearch(problem), self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part
         ):

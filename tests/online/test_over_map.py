@@ -135,10 +135,9 @@ def test_another_goal_on_the_way(deadline: float | None) -> None:
     assert drive.position == pytest.approx([1.0, 1.0], abs=0.3)
 
 
-@pytest.mark.parametrize("deadline", [None, 0.05])
-def test_goals_in_turn_behind_the_vehicle(deadline: float | None) -> None:
+def test_goals_in_turn_behind_the_vehicle() -> None:
     """It stands with its nose at a wall, cannot back up, and the door is behind it."""
-    drive = Drive(room(5), deadline)
+    drive = Drive(room(5))
     for place in ((7.2, 4.5), (0.9, 4.8), (7.3, 1.0)):
         drive.planner.set_goal({"position": place, "speed": 0.0})
         plans = drive.on(drive.time + 25.0)
