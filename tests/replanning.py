@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import threading
 from collections.abc import Callable
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -38,6 +41,15 @@ class TalkingSolver:
         if self.calls == 1:
             self.happens()
         return self.solver.solve(program)
+
+
+def threads_end(before: int) -> bool:
+    """Wait until no more threads run than before; False if some still do after 10 s."""
+    gc.collect()
+    until = perf_counter() + 10.0
+    while threading.active_count() > before and perf_counter() < until:
+        sleep(0.001)
+    return threading.active_count() == before
 
 
 def begin(planner: Planner, scenario: sp.Scenario) -> OnlinePlan:

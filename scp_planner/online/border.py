@@ -14,8 +14,15 @@ from scp_planner.mathematics.occupancy import OccupancyMap, pooled
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Scenario
 
-MOST_CELLS = 300  # to a side of a window; with more, several are one
-WINDOW = 1.5  # of what manoeuvres reach: it serves for as long as the vehicle has not gone farther than the rest
+
+@dataclass(frozen=True)
+class CellWindowParameters:
+    most_cells: int = 300  # To a side of a window; with more, several are one
+    # Of what manoeuvres reach: a window serves until the vehicle has gone farther than the rest
+    reaches: float = 1.5
+
+
+CELL_WINDOW = CellWindowParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +42,7 @@ class CellDistances:
         window = ground.window(low, low + 2 * half)
         corner = ground.world(low.astype(float))
         cells = OccupancyMap(window, ground.resolution, (corner[0], corner[1]), ground.yaw, ground.beyond)
-        return cls(ground, pooled(cells, ceil(len(window) / MOST_CELLS)), place, reach)
+        return cls(ground, pooled(cells, ceil(len(window) / CELL_WINDOW.most_cells)), place, reach)
 
     @cached_property
     def _signed(self) -> Array:
@@ -75,7 +82,7 @@ class Border:
 
     @property
     def is_there(self) -> bool:
-        """True if there is any."""
+        """True if the ground has a border."""
         return len(self.box.offsets) > 0 or self.cells is not None
 
     def room(self, position: Array) -> Array:

@@ -10,7 +10,7 @@ from itertools import chain
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.border import Border
 from scp_planner.online.foresight import foreseen, smaller
@@ -212,7 +212,7 @@ class EvasiveManoeuvres:
         return cls(families, wait, times, position, headings)
 
     def few(self, most: float) -> EvasiveManoeuvres:
-        """So many of them at most, where those of one course are not more."""
+        """Return no more manoeuvres than that, but all of one course at least."""
         stride = max(math.ceil(len(self.position) / max(most, 1.0)), 1)
         if stride == 1:
             return self
@@ -241,7 +241,7 @@ class EvasiveManoeuvres:
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
-                place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
+                place = place + offset * unit_vectors(self.heading)
             found = [[some] for some in self._from_rounds(zones, place, unseen, sizes)]
             for parts, outlined in zip(found, shaped, strict=True):
                 if len(others):

@@ -65,12 +65,13 @@ class Fallback:
     def go_on(self, now: Replan) -> OnlinePlan | None:
         """Go on with the manoeuvre that was begun, or stand, without a look at others; None if it is not certified."""
         begun = self._evasion.begun(now)
-        stands = now.last is not None and now.last.outcome is Outcome.BRAKING
-        if begun is None and stands and now.moment.state.speed <= STOPS.standing:
+        if now.last is None:
+            return None
+        if begun is None:
+            if now.last.outcome is not Outcome.BRAKING or now.moment.state.speed > STOPS.standing:
+                return None
             stop = self._means.stopping(now, self._means.straight_stop(now.moment.state, self._means.braking), None)
             return stop if stop.safe else None
-        if begun is None or now.last is None:
-            return None
         certificate = self._means.safety_gate.certify_stop(now.moment, begun, now.moment.state.time)
         now.lap("certificate")
         self._means.consider(now, CandidateKind.EVASION, begun.trip, certificate)

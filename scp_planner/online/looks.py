@@ -57,9 +57,9 @@ OVER = object()
 
 @dataclass
 class Cutoff:
-    """Units of time; only ways that may be faster are looked for. A search holds this, and not its look."""
+    """Travel time that ways must beat. A search holds it in place of its look, and so ends when that is dropped."""
 
-    value: float
+    value: float  # Units of time
 
 
 @dataclass

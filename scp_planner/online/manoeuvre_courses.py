@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, unit_vectors
 from scp_planner.online.braking import distinct_knots
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
@@ -237,7 +237,7 @@ class Courses:
     def _turning(self) -> Array:
         """Points of turns of length 1, (K, table, 2) m, in the direction in which they begin."""
         angle = self.turn[:, None] * self.bend.turned(_SHARES)
-        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        unit = unit_vectors(angle)
         steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (COURSES.table - 1)
         return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
 
@@ -250,7 +250,7 @@ class Courses:
         """Places and headings."""
         if not self.turn.any():
             heading = np.broadcast_to(self.base[:, None, None], (len(self.base), *distance.shape))
-            ahead = np.stack([np.cos(self.base), np.sin(self.base)], axis=-1)
+            ahead = unit_vectors(self.base)
             return distance[:, :, None] * ahead[:, None, None], heading
         before = np.minimum(distance, lead[:, :, None])
         share = (distance - before) / length[:, :, None]

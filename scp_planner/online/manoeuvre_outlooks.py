@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, unit_vectors
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.polylines import points_at
-from scp_planner.online.border import WINDOW, Border, CellDistances
+from scp_planner.mathematics.polylines import lengths_along, points_at
+from scp_planner.online.border import CELL_WINDOW, Border, CellDistances
 from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, EvasiveManoeuvres, Room, Size
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
@@ -64,7 +64,7 @@ class ManoeuvreOutlooks:
         self._patience = lasts / (lasts + waited)
 
     def of(self, moment: Moment, manoeuvres: EvasiveManoeuvres, near: Index, best: int) -> Outlook:
-        """Return what is seen of manoeuvres among the zones of a moment: of all but the best few, bounds of worth."""
+        """Judge manoeuvres among the zones of a moment; the worth of all but the best few is an upper bound."""
         vehicle = moment.scenario.vehicle
         sizes, period = (WHOLE, Size(latest=self._growing)), self._means.safety_gate.period
         room, judged = manoeuvres.rooms(moment.batch, self.border(moment), vehicle, period, near, sizes)
@@ -83,7 +83,7 @@ class ManoeuvreOutlooks:
         gone = 0.5 * vehicle.max_acceleration * np.minimum(since, starting) ** 2
         gone += vehicle.max_speed * np.maximum(since - starting, 0.0)
         heading = manoeuvres.heading[0]
-        place = manoeuvres.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        place = manoeuvres.position[0] - gone[:, None] * unit_vectors(heading)
         grown = min(max(stands, self._means.safety_gate.period), self._growing)
         away = foreseen(moment.batch, grown, {}).distances(times, place)
         room = self._room_of(moment, place, away)
@@ -115,24 +115,25 @@ class ManoeuvreOutlooks:
         return self.with_every_dead_end(moment, driven, self.seen(moment, driven, room, judged))
 
     def with_every_dead_end(self, moment: Moment, driven: Driven, seen: Outlook) -> Outlook:
-        unknown = np.flatnonzero(np.isnan(seen.lost))
+        return self._less_lost(moment, driven, seen, np.flatnonzero(np.isnan(seen.lost)))
+
+    def _less_lost(self, moment: Moment, driven: Driven, seen: Outlook, some: Index) -> Outlook:
+        """Subtract from the worth of some manoeuvres the way that they lose by ending in a dead end."""
         lost, worth = seen.lost.copy(), seen.worth.copy()
-        lost[unknown] = self._way_lost(moment, driven, unknown)
-        worth[unknown] -= WORTH.lost * lost[unknown]
+        lost[some] = self._way_lost(moment, driven, some)
+        worth[some] -= WORTH.lost * lost[some]
         return replace(seen, worth=worth, lost=lost)
 
     def _with_dead_ends(self, moment: Moment, driven: Driven, seen: Outlook, best: int) -> Outlook:
-        """Look for dead ends at the ends of those manoeuvres that are clear and worth most, till the best are known."""
+        """Look for dead ends after the clear manoeuvres of the highest worth, until the best few are known."""
         order = np.flatnonzero(np.isinf(seen.clear))
         order = order[np.argsort(-seen.worth[order], kind="stable")]
-        lost, worth = seen.lost.copy(), seen.worth.copy()
         for first in range(0, len(order), 2 * best):
-            some, known = order[first : first + 2 * best], np.sort(worth[order[:first]])
-            if first and known[-best] >= worth[some[0]]:
+            some, known = order[first : first + 2 * best], np.sort(seen.worth[order[:first]])
+            if first and known[-best] >= seen.worth[some[0]]:
                 break
-            lost[some] = self._way_lost(moment, driven, some)
-            worth[some] -= WORTH.lost * lost[some]
-        return replace(seen, worth=worth, lost=lost)
+            seen = self._less_lost(moment, driven, seen, some)
+        return seen
 
     def seen(self, moment: Moment, driven: Driven, room: Room, judged: Room) -> Outlook:
         """Judge what is driven by the room that it keeps, but for dead ends."""
@@ -193,7 +194,7 @@ class ManoeuvreOutlooks:
         if scenario.ground is not None and scenario.guide is not None:
             steps, room = scenario.vehicle.radius, self.border(moment).room
             line = np.array(scenario.guide)
-            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+            along = lengths_along(line)
             ahead = points_at(np.arange(steps, min(along[-1], self._sight(moment)), steps), along, line)
             seen = np.linspace(0.0, 1.0, WAY.steps)[:, None, None] * (ahead - line[0]) + line[0]
             hidden = (room(moment.frame.to_frame(seen)) < 0.0).any(axis=0)
@@ -227,7 +228,7 @@ class ManoeuvreOutlooks:
         if ground is not None:
             place, reach = np.array(moment.state.position), self._sight(moment)
             if self._cells is None or not self._cells.covers(ground.map, place, reach):
-                self._cells = CellDistances.about(ground.map, place, WINDOW * reach)
+                self._cells = CellDistances.about(ground.map, place, CELL_WINDOW.reaches * reach)
             cells = self._cells
         return Border.of(moment.scenario, moment.frame, cells)
 

@@ -40,7 +40,7 @@ from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF
 from scp_planner.planning.along_routes import guide_on
 from scp_planner.planning.offline import GETS_AWAY, planned
-from scp_planner.planning.plan import PlanStatus
+from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem
@@ -100,11 +100,7 @@ class Replan:
     @property
     def late(self) -> bool:
         """True if the deadline has passed."""
-        return self.late_after(0.0)
-
-    def late_after(self, work: float) -> bool:
-        """True if the deadline will have passed after work that takes so long, s."""
-        return perf_counter() + work > self.deadline
+        return perf_counter() > self.deadline
 
     def lap(self, stage: str) -> None:
         """Count the time since the last lap to a stage."""
@@ -325,22 +321,25 @@ class Means:
 
     def starts(self, problem: Problem, cutoff: Callable[[], float], part: int) -> Iterator[Trip | None]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s."""
-        any_way = problem.scenario.ground is not None
-        if any_way:  # the fastest trip along the route, of a search that goes on between replans
-            within = changed(problem.scenario, ground=None, guide=None)
-            settings = replace(self.settings, clearance_margin=SceneSettings.clearance_margin)
-            line, around = np.array(problem.scenario.guide or ()), corridor_zones(within)
-            found = planned(within, settings, None, None, threat_zones=around, along=line if len(line) else None)
+        over_map = any_way = problem.scenario.ground is not None
+        if over_map:
+            found = self._planned_along(problem.scenario)
             if found.certified:
                 yield found.trip
-        for way in ways_in_parts(
-            WaySearch(problem), self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part
-        ):
+        search = WaySearch(problem)
+        for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part):
             any_way = True
             yield None if way is None else Trip(problem.frame, trip_along(problem, way))
         if not any_way and not math.isfinite(cutoff()):
             for arc in arcs(problem):
                 yield Trip(problem.frame, arc)
+
+    def _planned_along(self, scenario: Scenario) -> Plan:
+        """Plan a whole trip in the ground along a route, at first on the route itself, without obstacles that move."""
+        within = changed(scenario, ground=None, guide=None)
+        settings = replace(self.settings, clearance_margin=SceneSettings.clearance_margin)
+        route = None if scenario.guide is None else np.array(scenario.guide)
+        return planned(within, settings, None, None, threat_zones=corridor_zones(within), along=route)
 
     def straight_stop(self, state: State, braking: Braking) -> Trip:
         """Return the stop straight ahead from a state, or standing there."""

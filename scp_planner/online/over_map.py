@@ -51,7 +51,7 @@ GOAL_ON_CELLS = Reason(ReasonCode.BLOCKED, "The goal is on occupied cells of the
 
 
 @dataclass(frozen=True)
-class Along:
+class FoundRoutes:
     """Routes to the goal, (n, 2) m each, the best to follow first, and the ground along them."""
 
     lines: list[Array]
@@ -68,7 +68,7 @@ class RouteAhead:
         self.none: Reason | None = SOUGHT  # Why no route is under way
         self._ground: list[Array] = []
         self._grown, self._due = False, True
-        self._search: Coroutine[Along | Reason | None] | None = None
+        self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
 
@@ -84,7 +84,7 @@ class RouteAhead:
             alone = replace(now.moment, zones=())
             if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
                 self.none = None
-            self._grow(now, means, Along([], []))
+            self._grow(now, means, FoundRoutes([], []))
         elif leads:
             self._again = state.time + ONLINE_MAP.patience
         elif state.time >= self._again and not means.arrival.is_there(state.position):
@@ -100,14 +100,14 @@ class RouteAhead:
         done = self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
         return done and self._take(self._search.result, now, means)
 
-    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[Along | Reason | None]:
+    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[FoundRoutes | Reason | None]:
         scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
         return Coroutine(partial(_routes, scene, self.map, standing, left * (1.0 - ONLINE_MAP.gain)))
 
-    def _take(self, found: Along | Reason | None, now: Replan, means: Means) -> bool:
+    def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:
         """Plan along a route that was found from now on; where there is none, go on as before."""
         self._search, self._due, self._again = None, False, now.moment.state.time + ONLINE_MAP.patience
-        if not isinstance(found, Along):
+        if not isinstance(found, FoundRoutes):
             self.none = self.none and (found or NO_ROUTE)
             return False
         if self.none is None and leads_through(self._ground, found.lines[0], self.asked.vehicle.radius):
@@ -116,7 +116,7 @@ class RouteAhead:
         self._grow(now, means, found)
         return True
 
-    def _grow(self, now: Replan, means: Means, found: Along) -> None:
+    def _grow(self, now: Replan, means: Means, found: FoundRoutes) -> None:
         """Take the ground along routes from here to the goal, and grow it along what is driven."""
         state, last, lines = now.moment.state, now.last, list[Array]()
         if last is not None and (state.speed > STOPS.standing or not found.lines):
@@ -142,7 +142,7 @@ class RouteAhead:
 
 def _routes(
     scene: Scenario, ground: OccupancyMap, standing: tuple[ThreatZone, ...], within: float
-) -> Along | Reason | None:
+) -> FoundRoutes | Reason | None:
     """Find routes among what stands, or over the map alone, the best to follow first; None if none takes so long, s."""
     while True:
         shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
@@ -160,7 +160,7 @@ def _routes(
         return None
     lines = [line] if routes.drivable is None else [routes.drivable, line]
     lines = [np.concatenate([[scene.start.position], each[1:-1], [scene.goal.position]]) for each in lines]
-    return Along(lines, ground_along(routes, lines))
+    return FoundRoutes(lines, ground_along(routes, lines))
 
 
 def _ahead(trip: Trip, state: State) -> Array:

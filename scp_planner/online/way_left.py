@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, left_of, unit_vectors
 from scp_planner.online.manoeuvre_courses import COURSES
 from scp_planner.online.tolerances import ANGLE
 
@@ -55,7 +55,7 @@ def way_left_both_ways(
     swung = np.concatenate([arcs, -arcs]).reshape(-1, *(1,) * first.ndim)
     # The chord of an arc leads half of its angle aside.
     chord, along = 2.0 * radius * np.sin(0.5 * np.abs(swung)), first + 0.5 * swung
-    place = position + chord[..., None] * np.stack([np.cos(along), np.sin(along)], axis=-1)
+    place = position + chord[..., None] * unit_vectors(along)
     rest = way_left(place, first + swung + np.pi, goal, radius, within)
     return np.minimum(plain, (radius * np.abs(swung) + turning_back + rest).min(axis=(0, 1)))
 
@@ -98,8 +98,8 @@ _WAYS_ON = _courses()
 
 
 def way_on(place: Array, heading: Array, radius: float, clear: Callable[[Array], Mask]) -> Array:
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
+    ahead = unit_vectors(heading)
+    aside = left_of(ahead)
     local = radius * _WAYS_ON
     places = place[:, None, None] + local[..., :1] * ahead[:, None, None] + local[..., 1:] * aside[:, None, None]
     driven = np.logical_and.accumulate(clear(places), axis=-1).sum(axis=-1).max(axis=-1)

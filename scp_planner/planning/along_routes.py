@@ -32,7 +32,6 @@ from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import Way
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.trips.guide import Guide
-from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -205,18 +204,12 @@ class AlongGuide(Attempt[TripSearch, ScpRun]):
     def runs(self, search: TripSearch) -> Iterator[ScpRun]:
         problem, loop = search.runs.problem, search.runs.careful_loop
         for steady in (False, True):
-            begin = trip_on_guide(problem, steady=steady)
-            found = search.runs.attempt(begin, search.cutoff, loop=loop, mended=ALONG.mended)
+            profile = drive_along(problem.space.guide, problem, steady=steady)
+            way = Way(float(profile.times[-1]), profile.stations, np.zeros(len(profile.stations)), profile.times)
+            found = search.runs.attempt(trip_along(problem, way), search.cutoff, loop=loop, mended=ALONG.mended)
             yield found
             if found.holds:
                 return
-
-
-def trip_on_guide(problem: Problem, *, steady: bool = False) -> Trajectory:
-    """Return the fastest trip on the guide itself within the limits at each bend, or everywhere at the tightest."""
-    profile = drive_along(problem.space.guide, problem, steady=steady)
-    way = Way(float(profile.times[-1]), profile.stations, np.zeros(len(profile.stations)), profile.times)
-    return trip_along(problem, way)
 
 
 def drive_along(guide: Guide, problem: Problem, *, steady: bool = False) -> SpeedProfile:

@@ -15,7 +15,7 @@ from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.convex_pieces import in_convex
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
-from scp_planner.mathematics.polylines import points_at
+from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.routes.outlines import StandingShape, standing_shapes
@@ -73,7 +73,7 @@ def ground_along(routes: MapRoutes, lines: Sequence[Array]) -> list[Array]:
 
 
 def least_time_along(scenario: Scenario, line: Array) -> float:
-    """Time along a polyline, (n, 2) m, but for its bends, s."""
+    """Return the least time along a polyline, (n, 2) m, as if it had no bends, s."""
     start, goal = scenario.start, scenario.goal
     length = float(np.hypot(*np.diff(line, axis=0).T).sum()) - goal.radius
     return straight_travel_time(max(length, 0.0), start.speed, Limits.of(scenario), goal.speed)[0]
@@ -81,8 +81,7 @@ def least_time_along(scenario: Scenario, line: Array) -> float:
 
 def leads_through(ground: Sequence[Array], line: Array, apart: float) -> bool:
     """True if convex polygons hold the places of a polyline, (n, 2) m, that are so far apart, m."""
-    steps = np.hypot(*np.diff(line, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
+    along = lengths_along(line)
     places = points_at(np.arange(0.0, along[-1], apart), along, line)
     return bool(np.any([in_convex(piece, places) for piece in ground], axis=0).all())
 

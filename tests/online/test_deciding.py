@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import threading
 from collections.abc import Callable, Iterator
-from time import perf_counter, sleep
 
 import numpy as np
+from replanning import threads_end
 from scenes import disc, scene
 
 import scp_planner as sp
@@ -189,8 +188,4 @@ def test_a_search_for_ways_goes_on_in_the_next_replan_and_ends_with_its_planner(
     planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=1e-4)
     assert threading.active_count() > before
     del planner
-    gc.collect()
-    until = perf_counter() + 10.0
-    while threading.active_count() > before and perf_counter() < until:
-        sleep(0.001)
-    assert threading.active_count() == before
+    assert threads_end(before)

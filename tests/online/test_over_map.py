@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import copy
-import gc
 import pickle
 import threading
 from functools import lru_cache
 from pathlib import Path
-from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
 import pytest
+from replanning import threads_end
 from shapely import MultiPoint, box, unary_union
 
 import scp_planner as sp
@@ -207,8 +206,4 @@ def test_searches_end_with_their_planner(times: int) -> None:
             under_way = max(under_way, threading.active_count() - before)
     assert under_way > 0
     del drive
-    gc.collect()
-    until = perf_counter() + 10.0
-    while threading.active_count() > before and perf_counter() < until:
-        sleep(0.001)
-    assert threading.active_count() == before
+    assert threads_end(before)
