@@ -19,6 +19,7 @@ import numpy as np
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.planning.attempts import ATTEMPTS
+from scp_planner.planning.refinements import over_other_breakpoints
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
@@ -27,7 +28,7 @@ from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.target import TargetMotion
-from scp_planner.trips.trajectory import Trajectory, arriving
+from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -226,9 +227,9 @@ class MeetingSearch:
         gains, task = self._gains(best, time), self._task_at(time, on_time=True)
         given = for_scene(self.task.settings)
         finer = replace(given, limit_margin=gains * given.limit_margin, tolerance=gains * given.tolerance)
-        runs, theta = _turned(best, replace(task, settings=finer))
-        problem, trip = runs.problem, best.trajectory
-        begin = arriving(problem.space, theta, trip.beta, problem.limits.acceleration, trip.travel_time)
+        # Speeds to match change with the time, and so does the share of it at which the drive to them switches.
+        runs, theta = _turned(best, replace(task, settings=finer), None)
+        begin = over_other_breakpoints(runs.problem, best.trajectory, theta)
         return runs.attempt(begin, loop=runs.patient_loop) if checked else runs.unchecked(begin)
 
     def _met(self, best: ScpRun, time: float, *, exact: bool) -> ScpRun | None:
@@ -241,13 +242,14 @@ class MeetingSearch:
             return None
         most = max(MEETING.dilated * gains * for_scene(self.task.settings).limit_margin, MEETING.rounding)
         pace = trip.travel_time / dist(begin.position, best.runs.task.scenario.goal.position)
-        meeting = trip.travel_time
+        meeting, breakpoints = trip.travel_time, tuple(trip.space.acceleration.breakpoints.tolist())
         for _ in range(MEETING.dilations):
             meeting = self._time_at(pace, meeting)
             scale = meeting / trip.travel_time
             if not abs(scale - 1.0) <= most:
                 return None
-            runs, theta = _turned(best, replace(self._task_at(meeting), settings=best.runs.task.settings))
+            task = replace(self._task_at(meeting), settings=best.runs.task.settings)
+            runs, theta = _turned(best, task, breakpoints)
             led = Trajectory.of(runs.problem.space, theta, trip.beta / scale, meeting)
             if abs(led.travel_time - meeting) <= MEETING.rounding * meeting:
                 run = replace(best.run, evaluation=replace(best.run.evaluation, trajectory=led))
@@ -270,11 +272,10 @@ class MeetingSearch:
         return time
 
 
-def _turned(best: ScpRun, task: Task) -> tuple[CheckedRuns, Array]:
+def _turned(best: ScpRun, task: Task, breakpoints: tuple[float, ...] | None) -> tuple[CheckedRuns, Array]:
     """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal."""
     trip, start = best.trajectory, task.scenario.start.position
     scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
-    guide, breakpoints = trip.space.guide.in_units(scale), tuple(trip.space.acceleration.breakpoints.tolist())
-    runs = CheckedRuns(task, guide, breakpoints, len(trip.space.path.widths))
+    runs = CheckedRuns(task, trip.space.guide.in_units(scale), breakpoints, len(trip.space.path.widths))
     ends = runs.problem.ends
     return runs, ends.around(np.clip(scale * trip.theta, ends.lower, ends.upper)[ends.free])

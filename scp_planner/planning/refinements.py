@@ -221,8 +221,8 @@ def over_finer_path(problem: Problem, trip: Trajectory) -> Trajectory:
     return Trajectory.of(problem.space, ends.around(theta[ends.free]), trip.beta, trip.travel_time)
 
 
-def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
-    """Return about the same trip over a space with other breakpoints of the acceleration; it arrives."""
+def over_other_breakpoints(problem: Problem, trip: Trajectory, theta: Array | None = None) -> Trajectory:
+    """Return about the same trip over a space with other breakpoints, and other offsets if given; it arrives."""
     space = problem.space
     basis = space.acceleration
     degree = basis.coefficients.shape[1] - 1
@@ -233,7 +233,8 @@ def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
     else:
         beta = np.diff(trip.speed_at(basis.breakpoints)) / (np.diff(basis.breakpoints) * trip.travel_time)
     # The same mean accelerations may end before the trip does.
-    return arriving(space, trip.theta, beta, problem.limits.acceleration, trip.travel_time)
+    theta = trip.theta if theta is None else theta
+    return arriving(space, theta, beta, problem.limits.acceleration, trip.travel_time)
 
 
 def at_any_time(scenario: Scenario) -> Scenario:

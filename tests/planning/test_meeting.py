@@ -73,6 +73,20 @@ def test_on_free_ground_the_meeting_is_the_closed_form(seed: int) -> None:
     assert wanted * (1.0 - 1e-6) <= plan.travel_time <= wanted * (1.0 + 1e-3)
 
 
+@pytest.mark.parametrize(("away", "speed"), [(5.0, 1.5), (10.0, 2.1), (5.0, 2.5)])
+def test_a_velocity_is_matched_in_the_time_of_the_closed_form(away: float, speed: float) -> None:
+    """Along one line: full acceleration up to the top speed or a peak, and full deceleration to the target's speed."""
+    target = {"motion": {"position": [away, 0.0], "velocity": [speed, 0.0]}}
+    plan = sp.plan(scenario({"target": target, "match_velocity": True}))
+    top, rate = VEHICLE["max_speed"], VEHICLE["max_acceleration"]
+    peak = speed + math.sqrt(rate * away + 0.5 * speed**2)
+    wanted = (2.0 * peak - speed) / rate
+    if peak > top:
+        wanted = (away + 0.5 * top**2 / rate + 0.5 * (top - speed) ** 2 / rate) / (top - speed)
+    assert plan.certified
+    assert wanted * (1.0 - 1e-6) <= plan.travel_time <= wanted * (1.0 + 7e-4)
+
+
 @pytest.mark.parametrize("more", [{}, {"radius": 1.0}, {"match_velocity": True}, {"offset": [-2.0, 0.5]}])
 def test_the_target_is_met_where_it_is_on_arrival(more: dict[str, Any]) -> None:
     target = {"motion": {"position": [20.0, 0.0], "velocity": [-1.0, 1.0], "acceleration": [0.1, 0.0]}}
