@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import dist
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.preparation import asked_for_time
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.scale import TRIP_LENGTH
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
@@ -48,6 +50,7 @@ GETS_AWAY = (
     "no trip meets the target: at no time is it as near to the start as the vehicle can have driven by then, at full"
     " acceleration up to its top speed"
 )
+OTHER_LENGTH = 2.0  # times the length that a trip to a target is expected to have, from which on its units are others
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 
 
@@ -162,8 +165,7 @@ def planned(
         tell_of_discs(scenario.obstacles, task.threat_zones.of_others)
     target = TargetMotion.of(inside)
     if target is not None:
-        least = kinematic_bound(inside)
-        return _told(scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, began)
+        return _plan_to_meet(call, target, inside, task, units)
     known = _guided(task, units, along, begin)
     if known is not None and known.best is not None:
         return _told(scenario, known.lower_bound, on_a_step(task, inside, known.best), units, began)
@@ -189,6 +191,17 @@ def planned(
     if made.reason is None or routes is None:
         return made
     return replace(made, reason=made.reason + routes.told(scenario, units))
+
+
+def _plan_to_meet(call: _Call, target: TargetMotion, inside: Scenario, task: Task, units: NaturalUnits) -> Plan:
+    """Plan a trip to a target, in units of its own length where that is another one than the target's state tells."""
+    least = kinematic_bound(inside)
+    length = dist(inside.start.position, target.place(inside.start.time + least)) if least < np.inf else 0.0
+    if length > 0.0 and not 1.0 / OTHER_LENGTH <= length / TRIP_LENGTH <= OTHER_LENGTH:
+        units = NaturalUnits.of(call.scenario, length * units.length)
+        inside, task = call.task(units, task.tally)
+        target, least = TargetMotion.met(inside, inside.goal), kinematic_bound(inside)
+    return _told(call.scenario, least, MeetingSearch(task, inside, target, least, _fastest).run(), units, call.began)
 
 
 def _guided(task: Task, units: NaturalUnits, along: Array | None, begin: Trip | None) -> TripSearch | None:

@@ -21,7 +21,7 @@ from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
-from scp_planner.settings.planning import SceneSettings, Settings, for_scene
+from scp_planner.settings.planning import LONGEST_SPAN, SceneSettings, Settings, for_scene
 from scp_planner.trips.trajectory import Trajectory, arriving
 
 logger = logging.getLogger(__name__)
@@ -170,7 +170,8 @@ class FinerPath(Refinement):
     def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
-        settings = replace(for_scene(task.settings), path_span=max(space.length / spans, REFINEMENT.shortest))
+        path_span = min(max(space.length / spans, REFINEMENT.shortest), LONGEST_SPAN)
+        settings = replace(for_scene(task.settings), path_span=path_span)
         runs = CheckedRuns.over(replace(task, settings=settings), space, spans=spans)
         start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
         return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)

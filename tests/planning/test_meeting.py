@@ -106,6 +106,17 @@ def test_the_target_is_met_where_it_is_on_arrival(more: dict[str, Any]) -> None:
     assert met.probability == 1.0
 
 
+@pytest.mark.parametrize("brakes", [1e-3, 1e-5])
+def test_a_target_is_met_far_from_where_it_is_expected(brakes: float) -> None:
+    """It is faster than the vehicle, a metre ahead, and slows down: it is caught after kilometres."""
+    target = {"motion": {"position": [1.0, 0.0], "velocity": [3.5, 0.0], "acceleration": [-brakes, 0.0]}}
+    given = scenario({"target": target})
+    plan = sp.plan(given)
+    assert plan.certified
+    assert plan.lower_bound > 0.9 / brakes
+    assert plan.travel_time <= 1.001 * plan.lower_bound
+
+
 def test_it_takes_as_long_as_to_a_goal_that_stands_there() -> None:
     given = scenario({"target": {"motion": {"position": [20.0, 0.0], "velocity": [-1.0, 1.0]}}}, OBSTACLES)
     plan = sp.plan(given)
