@@ -10,6 +10,8 @@ scenes    5 to 20 moving obstacles: time and CPU of ``plan`` against a fixed goa
 driven    closed loops to a boat that accelerates, seen at 10 Hz with 0.1 m of noise among three others:
           time against ``plan`` with all motions known
 turned    the same to a boat that besides changes its acceleration by N(0, 0.5) m/s2 for 2 s
+ipopt     5 to 20 moving obstacles: against the best of ten starts of CasADi + IPOPT
+orders    2 to 4 places and targets on the way, in the fastest order: time against the best of all orders given
 ========  ==============================================================================================
 """
 
@@ -20,6 +22,7 @@ from benchmarks import common  # isort: skip  # sets one thread, before numpy is
 import argparse
 import math
 from collections.abc import Iterable
+from itertools import permutations
 from time import process_time
 from typing import Any
 
@@ -29,6 +32,9 @@ from scipy.optimize import brentq
 import scp_planner as sp
 from benchmarks.families import crossing
 from benchmarks.online_noticing import NOISE, RATE, manoeuvre
+from benchmarks.peers.base import judge
+from benchmarks.peers.casadi_ipopt import CasadiIpopt
+from benchmarks.peers.starts import TEN_STARTS
 from scp_planner.arrays import Array
 from scp_planner.simulation.worlds import motion_course
 
@@ -143,6 +149,17 @@ def crowded(seed: int, match: bool) -> dict[str, Any]:
     return {**scene, "name": f"meet{seed}", "goal": {"target": target, "match_velocity": match}}
 
 
+def at_target(data: dict[str, Any], time: float) -> dict[str, Any]:
+    """The scene with a goal that stands where the target is at a time, s."""
+    motion = data["goal"]["target"]["motion"]
+    place, velocity, change = (np.array(motion[key]) for key in ("position", "velocity", "acceleration"))
+    goal: dict[str, Any] = {"position": (place + time * (velocity + 0.5 * time * change)).tolist()}
+    if data["goal"]["match_velocity"]:
+        u, v = velocity + time * change
+        goal |= {"speed": math.hypot(u, v), "heading": math.atan2(v, u)}
+    return {**data, "goal": goal}
+
+
 def scenes(asked: argparse.Namespace) -> None:
     ratios, work, spent, met = [], [], np.zeros(2), 0
     sp.plan(sp.Scenario.model_validate(crowded(0, asked.match)))
@@ -154,13 +171,8 @@ def scenes(asked: argparse.Namespace) -> None:
         if not plan.certified:
             common.say(f"{seed}: {plan.status}: {plan.reason}")
             continue
-        motion = {key: np.array(value) for key, value in data["goal"]["target"]["motion"].items()}
-        time = plan.arrival_time
-        goal: dict[str, Any] = {"position": sp.meeting(scenario, plan).place}
-        if asked.match:
-            u, v = motion["velocity"] + time * motion["acceleration"]
-            goal |= {"speed": math.hypot(u, v), "heading": math.atan2(v, u)}
-        fixed, other = timed(sp.Scenario.model_validate({**data, "goal": goal}))
+        fixed_goal = at_target(data, plan.arrival_time)
+        fixed, other = timed(sp.Scenario.model_validate(fixed_goal))
         ratios.append(plan.travel_time / fixed.travel_time if fixed.certified else math.nan)
         work.append(taken / other)
         spent += (taken, other)
@@ -168,6 +180,30 @@ def scenes(asked: argparse.Namespace) -> None:
             common.say(f"{seed}: time {ratios[-1]:.6f}, CPU {1e3 * taken:.0f} and {1e3 * other:.0f} ms, {work[-1]:.2f}")
     common.say(f"certified {met} of {asked.count}; {quantiles('time', ratios)}")
     common.say(f"{quantiles('CPU ratio', work)}; of the sums {spent[0] / spent[1]:.3f}")
+
+
+def ipopt(asked: argparse.Namespace) -> None:
+    peer, found, ratios, work = CasadiIpopt(), np.zeros(3, dtype=int), [], []
+    for seed in range(asked.seed, asked.seed + asked.count):
+        data = crowded(seed, asked.match)
+        scenario = sp.Scenario.model_validate(data)
+        plan, taken = timed(scenario)
+        data["goal"]["position"] = scenario.goal.position  # about where it is met
+        peer.build([data])
+        began, best = process_time(), math.inf
+        for start in TEN_STARTS:
+            one = peer.solve(data, start)
+            report = judge(at_target(data, one.arrival_time), one)
+            if one.success and report is not None and report.ok:
+                best = min(best, one.travel_time)
+        work.append((process_time() - began) / taken)
+        found += (plan.certified, best < math.inf, plan.certified and best < math.inf)
+        ratios.append(plan.travel_time / best if plan.certified else math.nan)
+        if asked.verbose or not plan.certified or ratios[-1] > 1.005:
+            common.say(f"{seed}: {plan.status} {plan.travel_time:.4f} s, theirs {best:.4f} s, CPU {taken:.2f} s")
+    common.say(f"certified {found[0]} of {asked.count}, by IPOPT {found[1]}, by both {found[2]}")
+    common.say(f"{quantiles('time', [one for one in ratios if one > 0.0])}; {quantiles('CPU of IPOPT', work)}")
+    common.say(f"slower by over 0.5 %: {sum(one > 1.005 for one in ratios)}")
 
 
 def boats(seed: int, match: bool) -> tuple[sp.Scenario, np.random.Generator]:
@@ -208,10 +244,62 @@ def driven(asked: argparse.Namespace) -> None:
     common.say(quantiles("time", ratios))
 
 
+def visited(seed: int) -> dict[str, Any]:
+    """A scene with 2 to 4 places and targets on the way, some with a window, among up to 4 obstacles that cross."""
+    rng = np.random.default_rng([seed, 48])
+    scene = crossing(rng, int(rng.integers(0, 5)))
+    goals = list[dict[str, Any]]()
+    for _ in range(rng.choice([2, 3, 4], p=[0.4, 0.45, 0.15])):
+        place = [rng.uniform(0.0, 20.0), rng.uniform(-8.0, 8.0)]
+        one: dict[str, Any] = {"position": place, "radius": 0.5}
+        if rng.random() < 0.6:
+            velocity = vector(rng.uniform(0.1, 1.2), rng.uniform(-math.pi, math.pi)).tolist()
+            one = {"target": {"motion": {"position": place, "velocity": velocity}}, "radius": 0.5}
+        if rng.random() < 0.3:
+            begin = rng.uniform(2.0, 10.0)
+            one |= {"earliest_arrival": begin, "latest_arrival": begin + rng.uniform(2.0, 10.0)}
+        goals.append(one)
+    return {**scene, "name": f"visit{seed}", "goals": goals}
+
+
+def orders(asked: argparse.Namespace) -> None:
+    met, missed, ratios, work = 0, 0, [], []
+    for seed in range(asked.seed, asked.seed + asked.count):
+        data = visited(seed)
+        plan, taken = timed(sp.Scenario.model_validate({**data, "goals_order": "fastest"}))
+        work.append(taken)
+        found = dict[tuple[int, ...], float]()
+        for order in permutations(range(len(data["goals"]))):
+            one = sp.plan(sp.Scenario.model_validate({**data, "goals": [data["goals"][k] for k in order]}))
+            if one.certified:
+                found[order] = one.travel_time
+        met, missed = met + plan.certified, missed + (bool(found) and not plan.certified)
+        if not found or not plan.certified:
+            common.say(f"{seed}: {plan.status}, {len(found)} orders are certified")
+            continue
+        best = min(found, key=lambda order: found[order])
+        ratios.append(plan.travel_time / found[best])
+        if asked.verbose or ratios[-1] > 1.0 + EXACT:
+            own = tuple(sp.meetings(plan.planned, plan)) if plan.planned else ()
+            ways = f"order {best}, {found.get(own, 0.0):.3f} s in {own}"
+            common.say(f"{seed}: {ratios[-1]:.5f} of {found[best]:.3f} s in {ways}")
+    common.say(f"certified {met} of {asked.count}, {missed} missed that an order has; {quantiles('time', ratios)}")
+    slower = sum(one > 1.0 + EXACT for one in ratios)
+    common.say(f"slower by over {EXACT}: {slower}; {quantiles('CPU, ms:', work, 1e3)}")
+
+
 def main() -> None:
     """Run a study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    studies = {"closed": closed, "flee": flee, "scenes": scenes, "driven": driven, "turned": driven}
+    studies = {
+        "closed": closed,
+        "flee": flee,
+        "scenes": scenes,
+        "driven": driven,
+        "turned": driven,
+        "orders": orders,
+        "ipopt": ipopt,
+    }
     parser.add_argument("study", choices=studies)
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)

@@ -97,6 +97,12 @@ def require_plain(scenario: Scenario) -> None:
             raise ValueError(f"{scenario['name']}: obstacle {obstacle['id']!r} is not a disc with exact motion")
 
 
+def motion_row(motion: Mapping[str, Any]) -> list[float]:
+    """Position, velocity and acceleration of a motion, SI units."""
+    still = (0.0, 0.0)
+    return [*motion["position"], *motion.get("velocity", still), *motion.get("acceleration", still)]
+
+
 def disc_arrays(scenario: Scenario) -> Array:
     """Obstacles (n, 7): position, velocity, acceleration, and the distance to keep, SI units."""
     radius = float(scenario["vehicle"]["radius"])
@@ -104,12 +110,5 @@ def disc_arrays(scenario: Scenario) -> Array:
     for obstacle in scenario["obstacles"]:
         motion = obstacle["motion"]
         keep = float(obstacle["shape"]["disc"]) + radius + float(obstacle.get("margin") or 0.0)
-        rows.append(
-            [
-                *motion["position"],
-                *motion.get("velocity", (0.0, 0.0)),
-                *motion.get("acceleration", (0.0, 0.0)),
-                keep,
-            ]
-        )
+        rows.append([*motion_row(motion), keep])
     return np.array(rows, dtype=float).reshape(-1, 7)

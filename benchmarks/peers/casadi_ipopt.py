@@ -23,7 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.base import TIME_LIMIT, Attempt, MissingPeerError, Scenario, disc_arrays, require_plain
+from benchmarks.peers.base import (
+    TIME_LIMIT,
+    Attempt,
+    MissingPeerError,
+    Scenario,
+    disc_arrays,
+    motion_row,
+    require_plain,
+)
 from benchmarks.peers.starts import Start, first_guess
 from scp_planner.arrays import Array
 
@@ -68,7 +76,7 @@ class CasadiIpopt:
         self._points = points
         self._margin = margin
         self._options = IPOPT_OPTIONS | (options or {})
-        self._solvers: dict[tuple[int, int], Any] = {}
+        self._solvers: dict[tuple[int, int, int], Any] = {}
 
     def build(self, scenarios: Sequence[Scenario]) -> None:
         """One solver for each number of obstacles among the scenarios."""
@@ -78,14 +86,15 @@ class CasadiIpopt:
             if key not in self._solvers:
                 self._solvers[key] = self._build(*key)
 
-    def _key(self, scenario: Scenario) -> tuple[int, int]:
-        """Number of obstacles and of intervals."""
+    def _key(self, scenario: Scenario) -> tuple[int, int, int]:
+        """Number of obstacles, of intervals, and of conditions at the end that change with its time."""
         reach = np.subtract(scenario["goal"]["position"], scenario["start"]["position"])
         shortest = float(np.linalg.norm(reach)) / float(scenario["vehicle"]["max_speed"])
         fitting = max(10, min(MOST_INTERVALS, round(INTERVALS_PER_SECOND * (shortest + 0.5))))
-        return len(scenario["obstacles"]), self._intervals or fitting
+        moving = 0 if scenario["goal"].get("target") is None else 4 if scenario["goal"].get("match_velocity") else 2
+        return len(scenario["obstacles"]), self._intervals or fitting, moving
 
-    def _build(self, count: int, intervals: int) -> Any:
+    def _build(self, count: int, intervals: int, moving: int) -> Any:
         try:
             import casadi as ca
         except ImportError as error:
@@ -109,7 +118,7 @@ class CasadiIpopt:
         controls = ca.SX.sym("controls", 2, intervals)
         total = ca.SX.sym("total")
         discs = ca.SX.sym("discs", 7, count)
-        begin = ca.SX.sym("begin")
+        begin, target = ca.SX.sym("begin"), ca.SX.sym("target", 6)
         slack = ca.SX.sym("slack", count)
         step = total / intervals
 
@@ -126,20 +135,24 @@ class CasadiIpopt:
                 centres = discs[0:2, :] + discs[2:4, :] * time + discs[4:6, :] * time**2 / 2
                 squares = ca.sum1((ca.repmat(place, 1, count) - centres) ** 2)
                 clearances.append((ca.sqrt(squares + ROUNDING) - discs[6, :]).T + slack)
+        end, arrival = states[:, -1], begin + total
+        place = target[0:2] + target[2:4] * arrival + target[4:6] * arrival**2 / 2
+        driven = end[3] * ca.vertcat(ca.cos(end[2]), ca.sin(end[2]))
+        missed = ca.vertcat(end[:2] - place, driven - target[2:4] - target[4:6] * arrival)[:moving]
         smoothing = ca.sumsqr(controls) / intervals
         problem: dict[str, Any] = {
             "x": ca.vertcat(ca.vec(states), ca.vec(controls), slack, total),
-            "p": ca.vertcat(begin, ca.vec(discs)),
+            "p": ca.vertcat(begin, target, ca.vec(discs)),
             "f": total + SMOOTHING * smoothing + SLACK_WEIGHT * ca.sum1(slack),
-            "g": ca.vertcat(gaps, lateral, *clearances),
+            "g": ca.vertcat(gaps, missed, lateral, *clearances),
         }
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": self._options}
         return ca.nlpsol("planner", "ipopt", problem, options)
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Solve from the states and controls of the start."""
-        count, intervals = self._key(scenario)
-        solver = self._solvers[count, intervals]
+        count, intervals, moving = self._key(scenario)
+        solver = self._solvers[count, intervals, moving]
         vehicle = scenario["vehicle"]
         begin = float(scenario["start"].get("time", 0.0))
         guess = first_guess(scenario, start)
@@ -155,7 +168,10 @@ class CasadiIpopt:
         place, heading = scenario["start"]["position"], scenario["start"].get("heading")
         for bound, unbounded in ((lower_states, -free), (upper_states, free)):
             bound[0] = [*place, unbounded if heading is None else heading, scenario["start"]["speed"]]
-            bound[-1, :2] = scenario["goal"]["position"]
+            if not moving:
+                bound[-1, :2] = scenario["goal"]["position"]
+        target = motion_row(scenario["goal"]["target"]["motion"]) if moving else [0.0] * 6
+        equalities = np.zeros(4 * intervals + moving)
         bend = _or_infinity(vehicle.get("max_curvature"))
         lateral = _or_infinity(vehicle.get("max_lateral_acceleration"))
         lower_controls = np.tile([-float(vehicle["max_deceleration"]), -bend], intervals)
@@ -163,11 +179,11 @@ class CasadiIpopt:
         clearances = (intervals * self._points - 1) * count
         answer = solver(
             x0=np.concatenate([nodes.states.ravel(), controls.ravel(), np.full(count, 1e-2), [guess.duration]]),
-            p=np.concatenate([[begin], discs.ravel()]),
+            p=np.concatenate([[begin], target, discs.ravel()]),
             lbx=np.concatenate([lower_states.ravel(), lower_controls, np.zeros(count), [0.1]]),
             ubx=np.concatenate([upper_states.ravel(), upper_controls, np.full(count, free), [10.0 * guess.duration]]),
-            lbg=np.concatenate([np.zeros(4 * intervals), np.full(2 * intervals, -lateral), np.zeros(clearances)]),
-            ubg=np.concatenate([np.zeros(4 * intervals), np.full(2 * intervals, lateral), np.full(clearances, free)]),
+            lbg=np.concatenate([equalities, np.full(2 * intervals, -lateral), np.zeros(clearances)]),
+            ubg=np.concatenate([equalities, np.full(2 * intervals, lateral), np.full(clearances, free)]),
         )
         statistics = solver.stats()
         found = np.asarray(answer["x"], dtype=float).ravel()
