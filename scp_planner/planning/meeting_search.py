@@ -77,6 +77,7 @@ class MeetingSearch:
         self._shut = 0.0  # latest time of a meeting to which no trip was found, s
         self._frame = PlanningFrame(scenario.start.position, 0.0, scenario.start.time)
         self._waits = False  # True if trips come early to the next time, and late to times before it
+        self._held = False  # True if those that waited until such a time came late: they wait until later ones
 
     def run(self) -> ScpRun:
         """Return the trip that meets the target, judged by the scenario; else the best attempt."""
@@ -153,12 +154,15 @@ class MeetingSearch:
         late = self._late[0]
         early = max((time for time, late in self._points if late > 0.0), default=self.least)
         early = max(early, self._shut if self._shut < late else 0.0)
-        self._waits = late < inf and late - early <= MEETING.jump * late
         if best is None or not self._points:
+            self._waits = self._held or late - early <= MEETING.jump * late < inf
             return self._cleared(MEETING.later * early)
-        if self._waits:
-            return late
         time, missed = self._points[-1]
+        if self._waits and time == late and missed > MEETING.jump * time:
+            self._late, self._held, late = NONE_EARLY, True, inf
+        self._waits = self._held or late - early <= MEETING.jump * late < inf
+        if self._waits and late < inf:
+            return late
         slope = self._slope(best, time)
         if len(self._points) > 1 and abs(self._points[-2][0] - time) > MEETING.apart * time:
             other, before = self._points[-2]
@@ -166,23 +170,33 @@ class MeetingSearch:
         wanted = min(time - missed / min(slope, -MEETING.slowest_gain), MEETING.longest * time)
         if not early < wanted < late:
             wanted = 0.5 * (early + late) if late < inf else MEETING.later * early
-        return min(self._cleared(wanted), late)
+        return min(self._cleared(wanted, early), late)
 
-    def _cleared(self, time: float) -> float:
-        """The time, or the first one after it at which nothing covers the place to meet, s."""
+    def _cleared(self, time: float, since: float = inf) -> float:
+        """The time, s, or if something covers the place to meet then, when that has begun or ended.
+
+        Where trips may meet the target well after a time, ``since``, and before it is covered, that is tried first.
+        """
         if not len(self.task.threat_zones) or 0.0 not in self.scenario.vehicle.discs:
             return time
-        low, high = time, MEETING.longest * time
         if self._clear(np.array([time]))[0]:
             return time
+        before = self._nearest_clear(time, since) if since < time else None
+        if before is not None and before > (1.0 + MEETING.jump) * since:
+            return before
+        after = self._nearest_clear(time, MEETING.longest * time)
+        self._waits = self._waits or after is not None
+        return time if after is None else after
+
+    def _nearest_clear(self, covered: float, end: float) -> float | None:
+        """The time nearest to another one, s, on the way to an end, at which nothing covers the place to meet."""
         for _ in range(MEETING.closer_looks):
-            times = np.linspace(low, high, MEETING.looks)
+            times = np.linspace(covered, end, MEETING.looks)
             first = int(np.argmax(self._clear(times)))
             if not first:  # it is clear never, or by now
-                return time
-            low, high = float(times[first - 1]), float(times[first])
-        self._waits = True
-        return high
+                return None
+            covered, end = float(times[first - 1]), float(times[first])
+        return end
 
     def _clear(self, times: Array) -> Mask:
         """True at each time after the start, (n,) s, at which no zone covers the place to meet."""
