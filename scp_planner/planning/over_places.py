@@ -36,7 +36,7 @@ class OverPlacesSettings:
     orders: int = 3  # that are planned, where any will do
     rounds: int = 4  # to targets that move, at most
     slow: float = 1.05  # times the time that is expected of a trip, from which on other guides are tried, too
-    near: float = 0.3  # units of length, from where a target was taken to be, for a trip that is led to where it is
+    gain: float = 1e-3  # relative, of a trip that is led to its targets, below which there are no more rounds
 
 
 OVER_PLACES = OverPlacesSettings()
@@ -56,7 +56,7 @@ def plan_over_places(scenario: Scenario, settings: Settings, plan_one: PlanOne, 
     """Plan over the places to pass, in the best orders; return the fastest of the certified plans.
 
     Targets stand at first where they are about when they are met, and then move: the trip over those places is led to
-    where they really are. Where that fails, it says when they are met, and they stand there for the next one.
+    where they really are. It says when they are met, and they stand there for the next one, while that gains.
     """
     began, tried = perf_counter(), list[_Tried]()
     deadline = inf if time_limit is None else began + time_limit
@@ -75,14 +75,14 @@ def plan_over_places(scenario: Scenario, settings: Settings, plan_one: PlanOne, 
 def _in_order(
     scenario: Scenario, visit: Visit, settings: Settings, plan_one: PlanOne, deadline: float
 ) -> Iterator[_Tried]:
-    """Plan over the places in one order until a plan is certified."""
+    """Plan over the places in one order; where targets move, while the trips that are led to them gain."""
     moves = any(one.target is not None for one in scenario.goals)
 
     def planned(one: Scenario, parts: int, begin: Trip | None = None) -> Plan:
         left = None if deadline == inf else max(deadline - perf_counter(), 0.0) / parts
         return plan_one(one, left, begin)
 
-    best_guide, again = 0, visit.taken(scenario)
+    best_guide, again, best = 0, visit.taken(scenario), inf
     for number in range(OVER_PLACES.rounds):
         one, found = again, dict[int, Plan]()
         guided = over_places(fixed(one), _legs(one, settings, deadline))
@@ -96,15 +96,13 @@ def _in_order(
             return
         visit = visit.led_by(one, nearest.trip)
         again = visit.taken(scenario)
-        moved = max(dist(a.position, b.position) for a, b in zip(one.goals, again.goals, strict=True))
-        last = number + 1 == OVER_PLACES.rounds or perf_counter() > deadline
-        if moved > OVER_PLACES.near * NaturalUnits.of(one).length and not last:
-            continue
         assert nearest.planned is not None
         led = planned(changed(one, guide=nearest.planned.guide), 1, nearest.trip)
         yield _Tried(led, True)
-        if led.certified or last or moved == 0.0:
+        gains = led.certified and led.travel_time < best * (1.0 - OVER_PLACES.gain)
+        if again == one or perf_counter() > deadline or not (gains or best == inf):
             return
+        best = led.travel_time if led.certified else best
 
 
 def _expected(plan: Plan, visit: Visit) -> bool:
