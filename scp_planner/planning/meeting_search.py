@@ -44,6 +44,7 @@ class MeetingSettings:
     dilations: int = 4  # until the trip arrives with the target, where turning it changes more than its direction
     apart: float = 2e-4  # relative, of times whose trips tell how delays change with the time
     jump: float = 1e-3  # relative, of times before which trips come late, and after which they come early
+    steepest: float = 2.0  # rate at which trips come earlier, the later they are to meet the target, but for jumps
     far: float = 0.02  # relative change of the time after which ways to the new place are searched for
     searches: int = 6  # of ways, at most
     trips: int = 16  # at most
@@ -154,13 +155,16 @@ class MeetingSearch:
         late = self._late[0]
         early = max((time for time, late in self._points if late > 0.0), default=self.least)
         early = max(early, self._shut if self._shut < late else 0.0)
+        # Where trips come early by more than they can have gained since they came late, that is by a jump
+        comes_early = 0.0 if self._late[1] is None else late - self._late[1].travel_time
+        jumps = late - early <= min(MEETING.jump * late, comes_early / MEETING.steepest)
         if best is None or not self._points:
-            self._waits = self._held or late - early <= MEETING.jump * late < inf
+            self._waits = self._held or jumps
             return self._cleared(MEETING.later * early)
         time, missed = self._points[-1]
         if self._waits and time == late and missed > MEETING.jump * time:
             self._late, self._held, late = NONE_EARLY, True, inf
-        self._waits = self._held or late - early <= MEETING.jump * late < inf
+        self._waits = self._held or jumps
         if self._waits and late < inf:
             return late
         slope = self._slope(best, time)
