@@ -34,6 +34,7 @@ class OverPlacesSettings:
     """Work of a plan over places."""
 
     orders: int = 3  # that are planned, where any will do
+    most_orders: int = 8  # where none of those has a certified plan
     rounds: int = 4  # to targets that move, at most
     slow: float = 1.05  # times the time that is expected of a trip, from which on other guides are tried, too
     gain: float = 1e-3  # relative, of a trip that is led to its targets, below which there are no more rounds
@@ -60,12 +61,14 @@ def plan_over_places(scenario: Scenario, settings: Settings, plan_one: PlanOne, 
     """
     began, tried = perf_counter(), list[_Tried]()
     deadline = inf if time_limit is None else began + time_limit
-    asked = visits(scenario, OVER_PLACES.orders)
+    asked = visits(scenario, OVER_PLACES.most_orders)
+    usual = min(len(asked), OVER_PLACES.orders)
     for place, visit in enumerate(asked):
         best = min((one.plan for one in tried if one.counts), key=_rank, default=None)
-        if best is not None and (perf_counter() > deadline or (best.certified and best.travel_time <= visit.arrival)):
+        enough = best is not None and best.certified and (place >= usual or best.travel_time <= visit.arrival)
+        if enough or (best is not None and perf_counter() > deadline):
             break
-        share = deadline if time_limit is None else began + time_limit * (place + 1) / len(asked)
+        share = deadline if time_limit is None else began + time_limit * min((place + 1) / usual, 1.0)
         tried += _in_order(scenario, visit, settings, plan_one, share)
     iterations = sum(one.plan.iterations for one in tried)
     best = min((one.plan for one in tried if one.counts), key=_rank)
