@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from time import perf_counter
 
 import numpy as np
@@ -95,15 +96,19 @@ class ScpLoop:
         if now + self.parameters.spared * (now - state.begun) > state.limits.deadline:
             return state.end(LoopStatus.TIME_LIMIT)
         state.begun = now
+        base = state.run.evaluation
+        if not math.isfinite(base.worst_violation + base.trajectory.path.arc_length):
+            return state.end(LoopStatus.SOLVER_FAILED)
         rows = self._rows(state)
+        if not np.isfinite(rows.matrix).all():
+            return state.end(LoopStatus.SOLVER_FAILED)
         if state.late:
             return state.end(LoopStatus.TIME_LIMIT)
         sub = self._subproblem(state, rows)
         solution = None if state.late else self.solver.solve(sub.program, state.limits.deadline)
-        if solution is None:
+        if solution is None or not np.isfinite(solution.x).all():
             del sub
             return state.end(LoopStatus.TIME_LIMIT) if state.late else self._without_step(state)
-        base = state.run.evaluation
         if state.trial is None and state.number > 1:
             sooner = -base.trajectory.travel_time * float(solution.x[sub.step_size - 1])
             if settled(state, sooner):

@@ -28,6 +28,7 @@ from scp_planner.scp.subproblem import build_subproblem
 from scp_planner.search.first_trips import arcs
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
 from scp_planner.solvers.slacked import SlackedProgram
+from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
@@ -46,6 +47,15 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     late = loop.run(START, 60, deadline=-1.0)
     assert late.status is LoopStatus.TIME_LIMIT and late.record == []
     assert late.evaluation.trajectory is START
+
+
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid", "ignore:divide")
+@pytest.mark.parametrize("far", [1e60, 1e150, 1e300, np.nan])
+def test_a_run_from_a_path_that_is_no_path_ends(far: float) -> None:
+    path = START.path
+    theta = path.theta + far * np.cos(3.0 * np.arange(path.theta.size)).reshape(path.theta.shape)
+    wild = Trajectory(Path(path.space, theta), START.beta, START.travel_time)
+    assert ScpLoop(PROBLEM, solver_named("daqp")).run(wild, 60).status is LoopStatus.SOLVER_FAILED
 
 
 def test_a_run_goes_on_with_the_prices_of_another() -> None:
