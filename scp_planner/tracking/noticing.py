@@ -47,7 +47,9 @@ class Bank:
         # Of the newest measurements, the last of them last: times and positions, and the standardised innovations of
         # the polynomials and of all filters. Log densities are in a ring, since nobody asks for their order
         self._looks, self._innovations = np.zeros((3, 2 * _KEPT, 0)), np.zeros((2, 1 + levels, 2 * _KEPT, 0))
-        self._cut = np.zeros((3, 1 + levels, 2 * _KEPT, 0))  # the innovations, as windows look at them
+        self._cut = np.zeros(
+            (3, 1 + levels, 2 * _KEPT, 0), dtype=np.float32
+        )  # the innovations, as windows look at them
         self._end = np.zeros(0, dtype=np.intp)  # of the newest `_KEPT` of these
         self._evidence = np.zeros((1 + levels, _KEPT, 0))
         self._free: list[int] = []
