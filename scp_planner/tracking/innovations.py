@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Single
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ INNOVATIONS = InnovationParameters()
 
 
 @cache
-def _weights() -> Array:
+def _weights() -> Single:
     """Weights of the trend in each window, (ring, windows), oldest first: squares 1, 4, 9 ..., of length 1."""
     weights = np.zeros((INNOVATIONS.windows[-1], len(INNOVATIONS.windows)))
     for column, window in enumerate(INNOVATIONS.windows):
@@ -32,7 +32,7 @@ def _weights() -> Array:
 
 
 @lru_cache(maxsize=8)
-def _members(probability: float) -> Array:
+def _members(probability: float) -> Single:
     """One over the quantile of chi-square for the size of each window, (windows, ring); 0 of what is not in it."""
     from scipy.special import gammainccinv
 
@@ -40,7 +40,7 @@ def _members(probability: float) -> Array:
     return np.asarray(((_weights() > 0.0) / limits).T, dtype=np.float32)
 
 
-def cut(innovations: Array) -> Array:
+def cut(innovations: Array) -> Single:
     """Give standardised innovations (2, ...) as windows look at them: cut at `wild`, and their squares, (3, ...).
 
     They have 32 bits, which take half of the time of 64 to test: an alarm is no matter of the eighth digit.
@@ -52,7 +52,7 @@ def cut(innovations: Array) -> Array:
     return np.stack([share * x, share * y, within]).astype(np.float32)
 
 
-def tested(innovations: Array, probability: float) -> tuple[Array, Array]:
+def tested(innovations: Single, probability: float) -> tuple[Single, Single]:
     """Squared trends and test statistics of the windows over the newest innovations, cut, (3, ..., ring, n), in order.
 
     Both are (..., windows, n): trends are chi-square with 2 degrees of freedom, and an alarm, of a probability, is a

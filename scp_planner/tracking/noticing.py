@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.settings.online import RARE
@@ -47,9 +49,7 @@ class Bank:
         # Of the newest measurements, the last of them last: times and positions, and the standardised innovations of
         # the polynomials and of all filters. Log densities are in a ring, since nobody asks for their order
         self._looks, self._innovations = np.zeros((3, 2 * _KEPT, 0)), np.zeros((2, 1 + levels, 2 * _KEPT, 0))
-        self._cut = np.zeros(
-            (3, 1 + levels, 2 * _KEPT, 0), dtype=np.float32
-        )  # the innovations, as windows look at them
+        self._cut = np.zeros((3, 1 + levels, 2 * _KEPT, 0), dtype=np.float32)  # as windows look at them
         self._end = np.zeros(0, dtype=np.intp)  # of the newest `_KEPT` of these
         self._evidence = np.zeros((1 + levels, _KEPT, 0))
         self._free: list[int] = []
@@ -213,7 +213,7 @@ class Bank:
         offset = self._whitened(slots, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
-    def _newest(self, kept: Array, slots: Index) -> Array:
+    def _newest(self, kept: NDArray[Any], slots: Index) -> NDArray[Any]:
         """The newest values (..., ring, n), oldest first, of some obstacles."""
         end = self._end[slots]
         if (end == end[:1]).all():
