@@ -141,7 +141,7 @@ class Bank:
         self._end[full] = _KEPT
         for kept, newest in rings:
             kept[..., :_KEPT, _run(full)] = kept[..., _KEPT:, _run(full)]
-            kept[..., self._end[slots], slots] = newest
+            self._place(kept, slots, newest)
         self._end[slots] += 1
         self._evidence[:, self.count[slots] % _KEPT, slots] = evidence
         self.count[slots] += 1
@@ -212,6 +212,14 @@ class Bank:
         """Log densities (M, ..., n), but for a constant, of innovations (2, M, ..., n), m, and these in sigmas."""
         offset = self._whitened(slots, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
+
+    def _place(self, kept: NDArray[Any], slots: Index, values: Array) -> None:
+        """Put down values (..., n) next to the newest."""
+        end = self._end[slots]
+        if (end == end[0]).all():
+            kept[..., int(end[0]), _run(slots)] = values
+        else:
+            kept[..., end, slots] = values
 
     def _newest(self, kept: NDArray[Any], slots: Index) -> NDArray[Any]:
         """The newest values (..., ring, n), oldest first, of some obstacles."""
