@@ -213,7 +213,7 @@ class Bank:
         offset = self._whitened(slots, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
-    def _place(self, kept: NDArray[Any], slots: Index, values: Array) -> None:
+    def _place(self, kept: NDArray[Any], slots: Index, values: NDArray[Any]) -> None:
         """Put down values (..., n) next to the newest."""
         end = self._end[slots]
         if (end == end[0]).all():
