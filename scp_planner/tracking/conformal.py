@@ -163,11 +163,10 @@ class AdaptiveScales:
             own, score, known = every_own[some, :, k, horizon], found[some], self._known(k, horizon)
             least = self._sizes(k, range(horizon, horizon + 1))[0]
             missed = score > least + self._beyond(own)
-            if known is not None:
-                own[:, 0] = np.maximum(own[:, 0] + self.rate * (missed - self.alpha), 0.0)
-                own[:, 1] = np.maximum((1.0 - CONFORMAL.forgetting) * own[:, 1], score - least)
-                for number, values in zip(np.flatnonzero(some).tolist(), own, strict=True):
-                    self._own[names[number]][:, k, horizon] = values
+            own[:, 0] = np.maximum(own[:, 0] + self.rate * (missed - self.alpha), 0.0)
+            own[:, 1] = np.maximum((1.0 - CONFORMAL.forgetting) * own[:, 1], score - least)
+            for number, values in zip(np.flatnonzero(some).tolist(), own, strict=True):
+                self._own[names[number]][:, k, horizon] = values
             level = self._every[k, horizon]
             of_all = score > _quantiles([known], np.array([[level]]))[0]
             level += CONFORMAL.together * float((self.alpha - of_all).sum())
