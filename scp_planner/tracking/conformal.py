@@ -17,16 +17,16 @@ from scp_planner.errors import EstimationError
 class ConformalSettings:
     """Change and size of regions that follow the errors made."""
 
-    # Change of a track's share of its largest recent error after a miss, but for the factor 1 - alpha. Misses come in
-    # rows, as one wrong prediction is followed by others; what is faster takes a row for a trend
-    rate: float = 0.05
-    # Share that leaves a region as it is: of tracks that are like all others it goes up and down by so much
-    slack: float = 0.1
-    forgetting: float = 0.025  # Share of a track's largest error that is forgotten with each later one
+    # Change of the level after a miss, but for the factor 1 - alpha. Misses come in rows, as one wrong prediction is
+    # followed by others; what is faster takes a row for a trend
+    rate: float = 0.005
     # Misses at the level asked for, that there must have been room for before regions follow the errors
     enough: float = 10.0
-    # Change of the level of all tracks together after a miss: their errors are many, and depend on each other
-    together: float = 5e-5
+    # The rate of all tracks together, over that of each: their errors are many, and depend on each other
+    together: float = 0.01
+    # Share of alpha by which the level of one track may be below that of all before it counts: levels of tracks that
+    # are like all others go up and down by so much
+    slack: float = 0.2
     # Share of a level within which a region is right as it is: quantiles of so few errors are not known better
     band: float = 0.1
     newest: int = 5_000  # Errors of all tracks that quantiles are of, for each horizon
@@ -107,7 +107,7 @@ class AdaptiveScales:
         self._errors = [[_Newest() for _ in range(horizons)] for _ in range(kinds + (kinds > 1))]  # the last: of all
         self._enough = math.ceil(CONFORMAL.enough / alpha)
         self._every = np.full((kinds, horizons), alpha)
-        self._own: dict[str, Array] = {}  # (2, kinds, H): shares, and the largest recent errors beyond those of all
+        self._own: dict[str, Array] = {}
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""
         self.missed = np.zeros(horizons, dtype=np.intp)
@@ -117,24 +117,20 @@ class AdaptiveScales:
         """Give the sizes of tracks' regions."""
         which = [kinds] if isinstance(kinds, int) else sorted(set(kinds.tolist()))
         every = range(self.horizons)
-        if not names:
+        if not names or not any(self._known(k, horizon) is not None for k in which for horizon in every):
             return np.ones((len(names), self.horizons))
-        beyond = self._beyond(self._own_of(names))
+        own = self._levels(names)
         if len(which) == 1:
-            return self._sizes(which[0], every) + beyond[:, which[0]]
+            return self._sizes(own[:, which[0]], which[0], every)
         sizes = np.ones((len(names), self.horizons))
         for k in which:
             some = kinds == k
-            sizes[some] = self._sizes(k, every) + beyond[some, k]
+            sizes[some] = self._sizes(own[some, k], k, every)
         return sizes
 
-    def _own_of(self, names: Sequence[str]) -> Array:
-        none = np.zeros((2, self.kinds, self.horizons))
-        return np.array([self._own.setdefault(name, none.copy()) for name in names])
-
-    def _beyond(self, own: Array) -> Array:
-        """By how much the sizes of tracks (n, 2, ...) are above those of all."""
-        return np.asarray(np.maximum(own[:, 0] - CONFORMAL.slack, 0.0) * own[:, 1])
+    def _levels(self, names: Sequence[str]) -> Array:
+        """Levels of tracks by kind and horizon, (n, kinds, H): a new one begins with what others have taught."""
+        return np.array([self._own.setdefault(name, self._every.copy()) for name in names])
 
     def _known(self, kind: int, horizon: int) -> _Newest | None:
         """The errors that quantiles of a kind are of; None if there are too few."""
@@ -143,11 +139,14 @@ class AdaptiveScales:
             return own
         return every if every.count >= self._enough else None
 
-    def _sizes(self, kind: int, horizons: range) -> Array:
-        """Sizes that all tracks have at least over some horizons, (h,)."""
-        bands = np.array([[1.0 + CONFORMAL.band], [1.0 - CONFORMAL.band]])
-        levels = bands * self._every[kind, horizons.start : horizons.stop]
-        least, most = _quantiles([self._known(kind, horizon) for horizon in horizons], levels)
+    def _sizes(self, own: Array, kind: int, horizons: range) -> Array:
+        """Sizes of n tracks with levels (n, H) over some horizons, (n, h)."""
+        level = np.minimum(self._every[kind], own + CONFORMAL.slack * self.alpha)
+        level = level[:, horizons.start : horizons.stop]
+        bands = np.array([1.0 + CONFORMAL.band, 1.0 - CONFORMAL.band])
+        levels = level * bands[:, None, None]
+        known = [self._known(kind, horizon) for horizon in horizons]
+        least, most = _quantiles(known, levels.reshape(-1, len(horizons))).reshape(levels.shape)
         found = np.minimum(np.maximum(least, 1.0), most)
         close = np.abs(found - 1.0) <= CONFORMAL.close
         np.maximum(found, CONFORMAL.least, out=found)
@@ -157,20 +156,18 @@ class AdaptiveScales:
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
         """Learn from errors of tracks over a horizon."""
         found, kind = np.asarray(scores, dtype=float), np.broadcast_to(kinds, len(names))
-        every_own = self._own_of(names)
+        levels = self._levels(names)
         for k in sorted(set(kind.tolist())):
             some = kind == k
-            own, score, known = every_own[some, :, k, horizon], found[some], self._known(k, horizon)
-            least = self._sizes(k, range(horizon, horizon + 1))[0]
-            missed = score > least + self._beyond(own)
-            own[:, 0] = np.maximum(own[:, 0] + self.rate * (missed - self.alpha), 0.0)
-            own[:, 1] = np.maximum((1.0 - CONFORMAL.forgetting) * own[:, 1], score - least)
-            for number, values in zip(np.flatnonzero(some).tolist(), own, strict=True):
-                self._own[names[number]][:, k, horizon] = values
-            level = self._every[k, horizon]
-            of_all = score > _quantiles([known], np.array([[level]]))[0]
-            level += CONFORMAL.together * float((self.alpha - of_all).sum())
-            self._every[k, horizon] = min(max(level, 0.0), 1.0)
+            own, score = levels[some, k], found[some]
+            missed = score > self._sizes(own, k, range(horizon, horizon + 1))[:, 0]
+            errors, every = self._known(k, horizon), self._every[k, horizon]
+            of_all = score > _quantiles([errors], np.array([[every]]))[0]
+            moved = own[:, horizon] + self.rate * (self.alpha - missed)
+            every += CONFORMAL.together * self.rate * float((self.alpha - of_all).sum())
+            self._every[k, horizon] = every = min(max(every, 0.0), 1.0)
+            for number, level in zip(np.flatnonzero(some).tolist(), np.minimum(moved, every), strict=True):
+                self._own[names[number]][k, horizon] = level
             self.missed[horizon] += int(missed.sum())
             self._errors[k][horizon].add(score)
         if self.kinds > 1:

@@ -72,19 +72,6 @@ def test_calm_track_has_no_smaller_regions_than_others() -> None:
     assert calm == pytest.approx(new, rel=0.05) and restless > 1.2 * calm
 
 
-def test_a_row_of_misses_enlarges_a_region_by_no_more_than_its_own_errors() -> None:
-    """However far others were missed, and in part only: it takes a share of the largest of the row."""
-    rng, calm = np.random.default_rng(2), [f"t{number}" for number in range(20)]
-    scales = AdaptiveScales(0.05, 1)
-    for step in range(200):
-        wild = 400.0 if step % 40 == 0 else 0.5
-        scales.take_in(0, [*calm, "wild"], [*rng.uniform(0.0, 1.03, 20), wild])
-    for score in 12 * [3.0]:
-        scales.take_in(0, ["turns", *calm], [score, *rng.uniform(0.0, 1.03, 20)])
-    turns, other = scales.scales(["turns", "t0"])[:, 0].tolist()
-    assert other < 1.1 and 1.5 < turns < 3.0
-
-
 def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> None:
     """The region and noise together; noise alone, where that is enough."""
     rng = np.random.default_rng(6)
