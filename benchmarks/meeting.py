@@ -223,7 +223,7 @@ def boats(seed: int, match: bool) -> tuple[sp.Scenario, np.random.Generator]:
 
 
 def gets_away(scenario: sp.Scenario, course: Course) -> bool:
-    """Whether a target is never as near to the start as the vehicle can have driven by then, up to `LONGEST`."""
+    """True if a target is never as near to the start as the vehicle can have driven by then, up to `LONGEST`."""
     start, vehicle, times = scenario.start, scenario.vehicle, np.linspace(0.0, LONGEST, 6001)
     rise = np.minimum(times, (vehicle.max_speed - start.speed) / vehicle.max_acceleration)
     reach = start.speed * rise + 0.5 * vehicle.max_acceleration * rise**2 + vehicle.max_speed * (times - rise)

@@ -291,7 +291,10 @@ class MeetingSearch:
 
 
 def _turned(best: ScpRun, task: Task, breakpoints: tuple[float, ...] | None) -> tuple[CheckedRuns, Array]:
-    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal."""
+    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal.
+
+    Breakpoints of the acceleration are those of the limits, unless others are given.
+    """
     trip, start = best.trajectory, task.scenario.start.position
     scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
     runs = CheckedRuns(task, trip.space.guide.in_units(scale), breakpoints, len(trip.space.path.widths))

@@ -194,7 +194,7 @@ def planned(
 
 
 def _plan_to_meet(call: _Call, target: TargetMotion, inside: Scenario, task: Task, units: NaturalUnits) -> Plan:
-    """Plan a trip to a target, in units of its own length where that is another one than the target's state tells."""
+    """Plan a trip to a target, in units of the way to where it can first be met if the given ones are far from that."""
     least = kinematic_bound(inside)
     length = dist(inside.start.position, target.place(inside.start.time + least)) if least < np.inf else 0.0
     if length > 0.0 and not 1.0 / OTHER_LENGTH <= length / TRIP_LENGTH <= OTHER_LENGTH:

@@ -97,6 +97,7 @@ class ScpLoop:
             return state.end(LoopStatus.TIME_LIMIT)
         state.begun = now
         base = state.run.evaluation
+        # A path that turns back on itself overflows, or its derivatives do
         if not math.isfinite(base.worst_violation + base.trajectory.path.arc_length):
             return state.end(LoopStatus.SOLVER_FAILED)
         rows = self._rows(state)

@@ -214,7 +214,7 @@ class Bank:
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
     def _place(self, kept: NDArray[Any], slots: Index, values: NDArray[Any]) -> None:
-        """Put down values (..., n) next to the newest."""
+        """Put down the newest values (..., n) of some obstacles."""
         end = self._end[slots]
         if (end == end[0]).all():
             kept[..., int(end[0]), _run(slots)] = values
