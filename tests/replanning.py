@@ -43,13 +43,24 @@ class TalkingSolver:
         return self.solver.solve(program)
 
 
-def threads_end(before: int) -> bool:
-    """Wait until no more threads run than before; False if some still do after 10 s."""
+def threads() -> set[threading.Thread]:
+    """Return the threads that run."""
+    gc.collect()
+    return set(threading.enumerate())
+
+
+def begun_since(before: set[threading.Thread]) -> set[threading.Thread]:
+    """Return the threads that have begun since and still run, whatever else has ended."""
+    return set(threading.enumerate()) - before
+
+
+def threads_end(before: set[threading.Thread]) -> bool:
+    """Wait until none runs that has begun since; False if one still does after 10 s."""
     gc.collect()
     until = perf_counter() + 10.0
-    while threading.active_count() > before and perf_counter() < until:
+    while begun_since(before) and perf_counter() < until:
         sleep(0.001)
-    return threading.active_count() == before
+    return not begun_since(before)
 
 
 def begin(planner: Planner, scenario: sp.Scenario) -> OnlinePlan:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from replanning import threads_end
+from replanning import begun_since, threads, threads_end
 from scenes import disc, scene
 
 import scp_planner as sp
@@ -174,18 +173,18 @@ def test_a_robot_stays_on_its_pavement_and_is_not_walked_into() -> None:
 
 
 def test_a_search_for_ways_goes_on_in_the_next_replan_and_ends_with_its_planner() -> None:
-    before = threading.active_count()
+    before = threads()
     posts = [disc(f"post{k}", (2.0 + 0.8 * k, (-1.0) ** k * 0.4), (0.0, 0.1), radius=0.3) for k in range(24)]
     planner = sp.Planner(scene(*posts, goal={"position": (22.0, 0.0)}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=1e-4)
-    assert threading.active_count() > before
+    assert begun_since(before)
     for number in range(200):
         planner.replan(0.01 * number, (0.0, 0.0), 0.0, 0.0, deadline=5e-3)
-        if threading.active_count() == before:
+        if not begun_since(before):
             break
-    assert threading.active_count() == before
+    assert threads_end(before)
     planner = sp.Planner(scene(*posts, goal={"position": (22.0, 0.0)}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=1e-4)
-    assert threading.active_count() > before
+    assert begun_since(before)
     del planner
     assert threads_end(before)

@@ -6,9 +6,10 @@ import math
 import os
 import signal
 import threading
-from time import perf_counter, sleep
+from time import perf_counter
 
 import pytest
+from replanning import begun_since, threads, threads_end
 
 from scp_planner.pauses import Coroutine, pause
 
@@ -48,14 +49,11 @@ def test_work_that_nobody_wants_ends() -> None:
         finally:
             left.append(True)
 
-    before = threading.active_count()
+    before = threads()
     work = Coroutine(endless)
-    assert not work.resume(perf_counter()) and threading.active_count() == before + 1
+    assert not work.resume(perf_counter()) and len(begun_since(before)) == 1
     del work
-    until = perf_counter() + 10.0
-    while threading.active_count() > before and perf_counter() < until:
-        sleep(0.001)
-    assert left == [True] and threading.active_count() == before
+    assert threads_end(before) and left == [True]
 
 
 def test_an_interrupt_ends_the_work_and_it_begins_anew() -> None:
