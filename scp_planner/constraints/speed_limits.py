@@ -121,6 +121,7 @@ class SpeedLimits(Constraint):
         pieces = _OtherPieces.beside(trajectory, at_gates, speed, beside[count:], limits)
         own = space.time_table(beside).acceleration @ trajectory.beta
         fixed = limits_at(self.stretches, path.station_positions, self._about.at(stations))
+        fixed[0] = np.inf  # the speed at the start is given
         moving = limits_at(self.stretches, jumps.path.position, self._about.at(jumps.parameter))
         return _SpeedSites(
             np.concatenate([stations, *[np.maximum(gates, 0.0)] * 3, jumps.parameter]),

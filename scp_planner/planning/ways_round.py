@@ -211,7 +211,7 @@ def _run_from(search: TripSearch, start: Start) -> ScpRun:
     rival = search.best if search.certified else search.rival
     first = start.trip(FIT.smoothing)
     found = runs.attempt(first, cutoff, rival)
-    if _hardly_infeasible(found) and not search.out_of_time:
+    if not found.holds and _hardly_infeasible(found) and not search.out_of_time:
         closer = start.trip(FIT.close_smoothing)
         # Close to a straight way there is nothing to smooth.
         start.exhausted = bool(np.array_equal(first.theta, closer.theta) and np.array_equal(first.beta, closer.beta))

@@ -89,3 +89,16 @@ def test_tightened_drive_limits_are_lower() -> None:
     for limit in limits:
         assert limit.tightened(0.1).limit == pytest.approx(0.9 * limit.limit, rel=1e-12)
         assert limit.tightened(0.1).times is limit.times
+
+
+def test_a_limit_of_places_asks_nothing_of_the_speed_at_the_start_however_much_it_is_tightened() -> None:
+    slow = scene(speed_limits=[{"from": 0.0, "to": 5.0, "speed": 1.0}], start={"speed": 1.0})
+    problem = build_problem(slow, sp.zones(slow), Settings())
+    (limit,) = (one for one in problem.constraints if one.name == "speed_limits")
+    steady = np.zeros(problem.space.acceleration_size)
+    braked = np.where(np.arange(len(steady)) < 2, -0.1, steady)
+    before, after = (
+        float(limit.tightened(0.01).excess(Trajectory.of(problem.space, problem.ends.theta, beta, 12.0)).max())
+        for beta in (steady, braked)
+    )
+    assert before > 0.01 and after < 0.0
