@@ -201,7 +201,9 @@ def scenario_of(kind: str, seed: int, moving: bool = False) -> sp.Scenario:
         for k, (left, low, right, high) in enumerate(ground.walls)
     ]
     for k in range(3 if moving else 0):
-        x, y = rng.uniform(4.0, 16.0), rng.uniform(-6.0, 6.0)
+        x, y = ground.start
+        while math.dist((x, y), ground.start) < 1.0:
+            x, y = rng.uniform(4.0, 16.0), rng.uniform(-6.0, 6.0)
         u, v = rng.normal(0.0, 0.6, 2)
         obstacles.append(
             {"id": f"disc{k}", "shape": {"disc": 0.3}, "motion": {"position": placed(x, y), "velocity": placed(u, v)}}

@@ -99,12 +99,12 @@ class Routes:
         """True if the default guide serves the shortest route, which is not straight."""
         return bool(self._served) and not self._served[0].straight
 
-    def next(self, within: float = inf) -> Route | None:
+    def next(self, within: float = inf, *, failed: bool = True) -> Route | None:
         """Return the next route, if it may be driven in less than a time, s, and no guide so far serves it.
 
-        Without a trip so far, the default guide serves none: what is steep over it may not be over a guide of its own.
+        Where ways over the default guide failed, that serves none: what is steep over it may not be over another guide.
         """
-        if not np.isfinite(within) and self._served:
+        if failed and self._served and self._served[0].least_time < within:
             return self._served.pop(0)
         while True:
             route = self._waiting or self._next()
@@ -118,7 +118,7 @@ class Routes:
                 continue
             if self._default is None or not serves(self._default, route.points):
                 return route
-            if not np.isfinite(within):
+            if failed:
                 return route
             self._served.append(route)
 
@@ -238,7 +238,7 @@ class OtherRoutes(Attempt[TripSearch, ScpRun]):
             best = search.best
             known = best.travel_time if best is not None and best.holds else inf
             with search.tally.timed("search"):
-                route = self.routes.next(known)
+                route = self.routes.next(known, failed=bool(search.failed) or known == inf)
             if route is None:
                 return
             with search.tally.timed("build"):

@@ -46,6 +46,23 @@ def test_a_disc_that_must_be_waited_for_is_waited_for() -> None:
     assert plan.travel_time == pytest.approx((20.0 + 0.8 - 3.0) / 1.0, abs=0.02)
 
 
+def test_the_short_way_round_a_wall_that_the_straight_guide_serves_badly_is_found() -> None:
+    back = {"shape": {"rectangle": [0.3, 10.62]}, "motion": {"position": [10.15, -1.94]}}
+    arm = {"shape": {"rectangle": [3.5, 0.3]}, "motion": {"position": [8.25, 3.22]}}
+    limits = {"max_speed": 2.0, "max_acceleration": 1.5, "max_lateral_acceleration": 2.0, "max_curvature": 2.0}
+    plan = sp.plan(
+        scene(
+            {"id": "back", **back},
+            {"id": "arm", **arm},
+            vehicle={"radius": 0.3, "max_deceleration": 2.0, **limits},
+            start={"speed": 0.0},
+            goal={"position": [20.0, -1.52], "speed": 0.0},
+        )
+    )
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.01 * plan.lower_bound
+
+
 def test_after_the_time_limit_no_other_grid_is_searched_and_one_arc_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     FakeClock(1.0).rule(monkeypatch)
     plan = sp.plan(SCENES["crossers"], time_limit=0.5)
