@@ -38,8 +38,7 @@ from scp_planner.simulation.people import Manner
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Course, VehicleState, track_course
 from scp_planner.tracking.motion_fitting import fit_motion_model
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 WAYS = ("zones", "prediction", "orca", "waiting")
 FILES = {"eth": "eth_obsmat.txt", "hotel": "hotel_obsmat.txt", "univ": "univ_obsmat.txt"}

@@ -25,8 +25,7 @@ from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.simulation.worlds import Course, track_course
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import square_within
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 Array = np.ndarray
 

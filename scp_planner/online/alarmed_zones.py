@@ -13,8 +13,8 @@ from scp_planner.online.many_zones import Level, made_zones
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
+from scp_planner.tracking.filters import Mixture, even
 from scp_planner.tracking.futures import Future, Sizing, future_of, lengths_of
-from scp_planner.tracking.mixtures import Mixture, even
 from scp_planner.tracking.motion_estimate import HORIZON, standardised_speed
 from scp_planner.tracking.noticing import Bank
 

@@ -10,8 +10,7 @@ from scp_planner.arrays import Mask
 from scp_planner.online.many_zones import Level, made_zones
 from scp_planner.online.track import TRACKS, ObstacleTrack
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.futures import Sizing
-from scp_planner.tracking.polynomial_motions import PolynomialMotions
+from scp_planner.tracking.futures import PolynomialMotions, Sizing
 
 
 class TrackKind(Enum):

@@ -50,10 +50,10 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, ChangeHypotheses
 from scp_planner.tracking.confidence import marginal_scale, outside_probability
 from scp_planner.tracking.estimators import MOST_LATE, NoticingTrack, PolynomialTrack, ProcessTrack, TrackEstimator
-from scp_planner.tracking.mixtures import FilterModels
+from scp_planner.tracking.filters import FilterModels
+from scp_planner.tracking.futures import PolynomialMotions
 from scp_planner.tracking.motion_estimate import HORIZON, MotionEstimate, PolynomialEstimate
 from scp_planner.tracking.noticing import Bank
-from scp_planner.tracking.polynomial_motions import PolynomialMotions
 from scp_planner.tracking.predictions import Prediction, PredictionKind
 from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
@@ -342,11 +342,8 @@ class ObstacleTracks:
         if not len(some):
             return None
         found = changes_among(bank, slots[some], self.newcomers.acceleration_deviation)
-        if not found.spoken_for:
-            return None
-        return found.change_hypotheses(self.settings.changes).among(
-            some, len(tracks), CHANGE_HYPOTHESES.left_out * level.alpha
-        )
+        least = CHANGE_HYPOTHESES.left_out * level.alpha
+        return found.change_hypotheses(self.settings.changes).among(some, len(tracks), least)
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         try:

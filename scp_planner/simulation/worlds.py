@@ -16,8 +16,7 @@ from scp_planner.scenario.motions import Futures, KnownMotion, Motion
 from scp_planner.threat_zones.of_scenario import motion_polynomials
 from scp_planner.tracking.estimate import estimate_obstacle
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 Course = Callable[[Array], Array]
 """Centres (n, 2) m at times (n,) s; NaN where the obstacle is not there."""

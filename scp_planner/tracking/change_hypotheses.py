@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.polynomials import shift_matrices
-from scp_planner.tracking.mixtures import Mixture
+from scp_planner.tracking.filters import Mixture
 from scp_planner.tracking.motion_estimate import least_variances
 from scp_planner.tracking.recursive import SquareRoots
 
@@ -37,29 +37,18 @@ CHANGE_HYPOTHESES = ChangeHypothesisParameters()
 
 
 @dataclass(frozen=True)
-class Measurements:
-    """The newest looks at K obstacles."""
-
-    times: Array  # (R, K) s, the newest last; -inf where there was none
-    positions: Array  # (2, R, K) m
-
-
-@dataclass(frozen=True)
 class ChangeHypotheses:
     probability: Array  # (K,)
     shift: Array  # (K, 3, 2)
     spread: Array  # (K, 3, 3)
 
     def among(self, some: Index, count: int, least: float) -> ChangeHypotheses:
-        probability, shift, spread = np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3))
+        """Of ``count`` obstacles, of which these are some; none where it is not more probable than ``least``."""
         likely = self.probability > least
-        which = some[likely]
-        probability[which], shift[which], spread[which] = (
-            self.probability[likely],
-            self.shift[likely],
-            self.spread[likely],
-        )
-        return ChangeHypotheses(probability, shift, spread)
+        found = ChangeHypotheses(np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3)))
+        for name, values in vars(self).items():
+            getattr(found, name)[some[likely]] = values[likely]
+        return found
 
 
 @dataclass(frozen=True)
@@ -72,11 +61,6 @@ class Changes:
     variance: Array  # (K, H)
     course: Array  # (K, H, 3)
     root: Array  # (K, 2, 2)
-
-    @property
-    def spoken_for(self) -> bool:
-        """True if anything speaks for any of them."""
-        return bool((self.evidence > CHANGE_HYPOTHESES.speaks).any())
 
     def change_hypotheses(self, often: float) -> ChangeHypotheses:
         weight = often * self.gap * np.exp(np.minimum(self.evidence, CHANGE_HYPOTHESES.most_evidence))
@@ -108,15 +92,15 @@ class Changes:
         return ChangeHypotheses(changed, mean @ self.root.transpose(0, 2, 1), spread)
 
 
-def changes_of(roots: SquareRoots, looks: Measurements, noise: Array, deviation: float) -> Changes:
-    """Judge how likely it is that polynomial motions have changed their accelerations."""
+def changes_of(roots: SquareRoots, looks: Array, noise: Array, deviation: float) -> Changes:
+    """Judge how likely it is that accelerations have changed, from times and positions (3, R, K) as of `Bank.looks`."""
     p, back = roots.factor.shape[1], [-1 - number for number in CHANGE_HYPOTHESES.onsets]
     inverse = np.linalg.inv(roots.factor)
     root = np.linalg.cholesky(noise)
-    there = np.isfinite(looks.times.T)  # (K, R)
-    clock = np.where(there, looks.times.T - roots.center[:, None], 0.0)
+    there = np.isfinite(looks[0].T)  # (K, R)
+    clock = np.where(there, looks[0].T - roots.center[:, None], 0.0)
     powers = clock[:, :, None] ** np.arange(p)
-    offset = looks.positions.transpose(2, 1, 0) - roots.origin[:, None] - powers @ (inverse @ roots.right)
+    offset = looks[1:].transpose(2, 1, 0) - roots.origin[:, None] - powers @ (inverse @ roots.right)
     residual = (np.linalg.inv(root)[:, None] @ offset[..., None])[..., 0]
     size = np.sqrt((residual * residual).sum(axis=-1))
     residual *= np.where(there, CHANGE_HYPOTHESES.wild / np.maximum(size, CHANGE_HYPOTHESES.wild), 0.0)[..., None]

@@ -7,13 +7,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.tolerances import LEAST_RISK_SHARE, SCALE_TOLERANCE
+
+if TYPE_CHECKING:
+    from scp_planner.tracking.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
 LARGEST_ALPHA = math.nextafter(1.0, 0.0)  # below 1: what holds with hardly any probability has some region
@@ -36,11 +39,7 @@ class ErrorLaw(ABC):
     def exit_rate(self, scale: float) -> float:
         """Give the expected number of rises of |w|^2 through q, per unit of standardised length (Rice's formula)."""
 
-    def largest_root_exceedance(
-        self,
-        scale: float,  # noqa: ARG002 - for laws of which it is known
-        regressors: int,  # noqa: ARG002
-    ) -> float | None:
+    def largest_root_exceedance(self, scale: float, regressors: int) -> float | None:  # noqa: ARG002 - of other laws
         """Give the probability that the largest root for p regressors exceeds q; None if it is unknown."""
         return None
 
@@ -133,41 +132,19 @@ class StudentErrors(_EstimatedErrors):
             raise EstimationError(f"degrees of freedom: {self.degrees_of_freedom!r} is not a positive number")
 
 
-class HasErrors(Protocol):
-    """A prediction whose errors are of a known law."""
-
-    @property
-    def errors(self) -> ErrorLaw:
-        """Law of the standardised error."""
-        ...
-
-    @property
-    def regressors(self) -> int | None:
-        """Number of functions of time of a regression; None of other errors."""
-        ...
-
-    def standardised_length(self, start: float, stop: float) -> float:
-        """Return the length of the curve of standardised errors over a span of time."""
-        ...
-
-
 def region_scale(
     level: str,
     probability: float,
-    estimate: HasErrors,
+    estimate: MotionEstimate,
     *,
     obstacles: int = 1,
     start: float = -math.inf,
     stop: float = math.inf,
 ) -> float:
     """Give q of the ellipse {z : z' C(t)^-1 z <= q}, with C(t) = ``estimate.covariance(t)``."""
-    if level not in LEVELS:
-        raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
-    alpha = outside_probability(probability)
+    alpha = alpha_of_one(level, probability, obstacles)
     if level == "per_time":
         return estimate.errors.pointwise_scale(alpha)
-    if level == "joint":
-        alpha = shared_alpha(alpha, obstacles)
     return uniform_scale(alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors)
 
 
@@ -188,7 +165,7 @@ def course_scale(level: str, alpha: float, times: int) -> float:
     """Give q for normal errors of known covariance at some times, with the probability to be outside."""
     if level != "per_time":
         alpha = shared_alpha(alpha, times)
-    return -2.0 * math.log(alpha)  # the quantile of chi-square with 2 degrees of freedom
+    return NormalErrors().pointwise_scale(alpha)
 
 
 def outside_probability(probability: float) -> float:

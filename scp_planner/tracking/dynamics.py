@@ -21,14 +21,6 @@ from scp_planner.tracking.tolerances import LAG_DIGITS, SERIES_TERMS, SHORT_LAG
 NODES = 10  # of Gauss' rule: exact to rounding over one time constant
 
 
-@dataclass(frozen=True)
-class StatePrior:
-    """State from position, velocity and perhaps acceleration."""
-
-    matrix: Array  # (d, n) from those n to the expected state
-    variance: Array  # (d,) of what they leave open
-
-
 class Dynamics(ABC):
     """State of one coordinate, (d,): position, velocity and what else the noise needs."""
 
@@ -47,11 +39,11 @@ class Dynamics(ABC):
     def prior(self, velocity_variance: float) -> Array:
         """Covariance (d, d) of the state before anything was seen; 0 of the position."""
 
-    def from_kinematics(self, known: int, velocity_variance: float) -> StatePrior:
-        """State from the first ``known`` of position, velocity and acceleration."""
+    def from_kinematics(self, known: int, velocity_variance: float) -> tuple[Array, Array]:
+        """Map (d, n) from the first n of position, velocity and acceleration to the state; variances (d,) left open."""
         variance = np.diag(self.prior(velocity_variance)).copy()
         variance[:known] = 0.0
-        return StatePrior(np.eye(self.states, known), variance)
+        return np.eye(self.states, known), variance
 
     def acceleration(self, state: Array) -> Array:
         """Expected acceleration (2,), m/s^2, in a state (d, 2)."""
@@ -143,19 +135,15 @@ class Fading(Dynamics):
 class MeanReverting(Fading):
     """d velocity = -(velocity - kept velocity) / time_constant dt + white noise; states: x, v, kept v."""
 
-    diffusion: float  # m^2/s^3
+    intensity: float  # m^2/s^3
     time_constant: float
     order = 1
     driven = 1
 
     @property
-    def intensity(self) -> float:  # type: ignore[override]
-        return self.diffusion
-
-    @property
     def own(self) -> float:
         """Variance of the velocity about the kept one, m^2/s^2."""
-        return 0.5 * self.diffusion * self.time_constant
+        return 0.5 * self.intensity * self.time_constant
 
     def _transition(self, lags: Array) -> Array:
         z, tau = lags / self.time_constant, self.time_constant
@@ -171,16 +159,15 @@ class MeanReverting(Fading):
         p[1, 1] += self.own
         return p
 
-    def from_kinematics(self, known: int, velocity_variance: float) -> StatePrior:
+    def from_kinematics(self, known: int, velocity_variance: float) -> tuple[Array, Array]:
         """Regression of the kept velocity on the present one."""
         share = velocity_variance / (velocity_variance + self.own)
         matrix = np.eye(3, known)
         matrix[2] = 0.0
         matrix[2, 1] = share
-        return StatePrior(matrix, np.array([0.0, 0.0, share * self.own]))
+        return matrix, np.array([0.0, 0.0, share * self.own])
 
     def acceleration(self, state: Array) -> Array:
-        """Return to the kept velocity."""
         return (state[2] - state[1]) / self.time_constant
 
 
@@ -210,7 +197,6 @@ class Singer(Fading):
 
 
 def dynamics_of(model: ProcessModel) -> Dynamics:
-    """Make the dynamics that a model's parameters describe."""
     process = model.process
     if isinstance(process, RandomWalkVelocity):
         return RandomWalk(process.diffusion)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -134,15 +134,13 @@ class TrackingTube:
         return radius
 
     def inside(self, units: NaturalUnits) -> TrackingTube:
-        """Return the tube in the units of a scene."""
-        return TrackingTube(
-            self.standing / units.length,
-            self.per_speed / units.time,
-            self.per_lateral / (units.time * units.time),
-            self.max_speed / units.speed,
-            self.max_lateral / units.factor("m/s2"),
-            self.probability,
-            self.records,
+        return replace(
+            self,
+            standing=self.standing / units.length,
+            per_speed=self.per_speed / units.time,
+            per_lateral=self.per_lateral / (units.time * units.time),
+            max_speed=self.max_speed / units.speed,
+            max_lateral=self.max_lateral / units.factor("m/s2"),
         )
 
     def bound(self, vehicle: Vehicle) -> float:
@@ -220,5 +218,4 @@ def fit_tracking_tube(records: Sequence[TrackingRecord], probability: float = 0.
 
 
 def _columns(record: TrackingRecord) -> Array:
-    """Factors of the form's parts, (n, 3)."""
     return np.stack([np.ones_like(record.speed), record.speed, record.lateral], axis=1)

@@ -92,14 +92,14 @@ def tracked_motion(given: Estimate, model: Model) -> MotionEstimate:
             coefficient_covariance=powers[:, None, None, None] * powers[:, None] * blocks,
         ).with_manoeuvre(model.manoeuvre)
     dynamics = dynamics_of(model.process)
-    start = dynamics.from_kinematics(len(mean), model.process.velocity_deviation**2)
-    both = kronecker(start.matrix, np.eye(2))
+    matrix, variance = dynamics.from_kinematics(len(mean), model.process.velocity_deviation**2)
+    both = kronecker(matrix, np.eye(2))
     return ProcessEstimate(
         reference_time=given.time,
         observations=1,
         noise_covariance=noise,
         dynamics=dynamics,
-        mean=start.matrix @ mean,
-        state_covariance=both @ covariance @ both.T + kronecker(np.diag(start.variance), np.eye(2)),
+        mean=matrix @ mean,
+        state_covariance=both @ covariance @ both.T + kronecker(np.diag(variance), np.eye(2)),
         tails=model.process.tails,
     )

@@ -53,8 +53,6 @@ class TrackEstimator(ABC):
 
 
 class PolynomialTrack(TrackEstimator):
-    """A polynomial motion."""
-
     def __init__(self, order: int, covariance: Array | None, varying: bool) -> None:
         self._varying = varying
         self._recursive = RecursiveEstimator(1, order, None if varying else covariance, varying=varying)
@@ -80,11 +78,10 @@ class NoticingTrack(TrackEstimator):
         self.bank, self.slot = bank, bank.take(covariance)
 
     def update(self, time: float, position: tuple[float, float], noise: Array) -> None:  # noqa: ARG002 - as declared
-        slot, place = self.slot, np.array([position])
-        if time < self.bank.last[slot]:
-            self.bank.take_in_late(slot, time, place[0])
+        if time < self.bank.last[self.slot]:
+            self.bank.take_in_late(self.slot, time, np.array(position))
         else:
-            self.bank.update(np.array([slot]), np.array([time]), place)
+            self.bank.update(np.array([self.slot]), np.array([time]), np.array([position]))
 
     def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
         return self.bank.polynomials.estimate(self.slot, prior)

@@ -19,14 +19,11 @@ from scp_planner.tracking.process_estimate import ProcessEstimate
 
 @dataclass
 class FilterState:
-    """State of a Kalman filter for N obstacles."""
-
     times: Array  # (N,) s
     mean: Array  # (N, d, 2) Expected states
     covariance: Array  # (N, 2 d, 2 d)
 
     def of(self, some: slice | Index) -> FilterState:
-        """State of some of the obstacles."""
         return FilterState(self.times[some], self.mean[some], self.covariance[some])
 
 
@@ -81,16 +78,8 @@ def predict_state(dynamics: Dynamics, state: FilterState, times: Array) -> None:
     state.times = np.array(times, dtype=float)
 
 
-@dataclass(frozen=True)
-class Filtered:
-    """States after all observations, and the log likelihood of all but the first of each."""
-
-    state: FilterState
-    log_likelihood: Array  # (N,)
-
-
-def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> Filtered:
-    """Filter observations; in each scan there may be fewer obstacles than in the one before."""
+def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> tuple[FilterState, Array]:
+    """Give states after all scans, each of no more obstacles than the last, and log likelihoods of what follows."""
     dynamics, own, state, total = dynamics_of(model), model.noise_deviation**2 * np.eye(2), None, np.zeros(0)
     for scan in scans:
         count = len(scan.times)
@@ -103,7 +92,7 @@ def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> Filtered:
         total[:count] += update_state(dynamics, part, scan.times, scan.positions, noise)
         state.times[:count], state.mean[:count], state.covariance[:count] = part.times, part.mean, part.covariance
     assert state is not None, "there is one scan at least"
-    return Filtered(state, total)
+    return state, total
 
 
 def estimate_process(
@@ -129,8 +118,7 @@ def estimate_processes(model: ProcessModel, records: Sequence[CheckedObservation
             noise = [noises[k] if noises[k].ndim == 2 else noises[k][i] for k in left]
             yield Scan(times, np.array(positions), np.array(noise))
 
-    state, dynamics = run_filter(model, scans()).state, dynamics_of(model)
-    place = np.argsort(ranks)
+    (state, _), dynamics, place = run_filter(model, scans()), dynamics_of(model), np.argsort(ranks)
     return [
         ProcessEstimate(
             reference_time=float(record.times[-1]),

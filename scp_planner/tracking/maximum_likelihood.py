@@ -12,12 +12,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.settings.knobs import word_of
-from scp_planner.tracking.confidence import (
-    ErrorLaw,
-    HotellingErrors,
-    NormalErrors,
-    StudentErrors,
-)
+from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.tracking.motion_estimate import PolynomialEstimate
 from scp_planner.tracking.observations import CheckedObservations, check_observations
 from scp_planner.tracking.tolerances import LAST_DIGITS
@@ -27,8 +22,6 @@ HIGHEST_ORDER = 2
 
 @dataclass(frozen=True)
 class NoiseBounds:
-    """Least noise that is estimated."""
-
     least: float = 1e-6  # standard deviation, relative to how far the observed positions are apart
     least_ratio: float = 1e-2  # of the smaller standard deviation to the larger one
 

@@ -20,8 +20,6 @@ from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 
 HORIZON = 120.0  # units of time; longest trip that motions are predicted for
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
-
-
 PANEL_NODES, MOST_PANELS = 12, 1024  # of the quadrature of standardised lengths
 
 
@@ -152,7 +150,8 @@ class PolynomialEstimate(MotionEstimate):
         coefficients[: self.order + 1] = self.coefficients
         covariance[: self.order + 1, :, : self.order + 1] = self.coefficient_covariance
         shift = 0.5 * self.time_scale**2 * np.array([last * last, -2.0 * last, 1.0])
-        change = manoeuvre_covariance(deviation, self.noise_covariance)
+        # in proportion to the noise, so that zones keep their shape
+        change = deviation**2 / least_variances(self.noise_covariance) * self.noise_covariance
         covariance += np.einsum("j,ab,k->jakb", shift, change, shift)
         return replace(
             self,
@@ -230,11 +229,6 @@ def sums_of_powers(count: int) -> Array:
     """Matrix (POLYNOMIAL_TERMS, count^2) from coefficients of products of powers to those of powers."""
     powers = np.add.outer(np.arange(count), np.arange(count)).ravel()
     return np.asarray(np.arange(POLYNOMIAL_TERMS)[:, None] == powers, dtype=float)
-
-
-def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
-    """Covariance (2, 2), m^2/s^4, of a change of acceleration: in proportion to the noise (2, 2), m^2."""
-    return np.asarray(deviation**2 / least_variances(noise) * noise)
 
 
 def least_variances(sigma: Array) -> Array:

@@ -16,8 +16,7 @@ from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.conformal import conformal_quantile
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import Scan, predict_state, run_filter
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def fit_motion_model(
 
 def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
     """Give the log likelihood of the tracks, each given its first position; long ones are cut in pieces."""
-    return float(run_filter(model, _scans(tracks)).log_likelihood.sum())
+    return float(run_filter(model, _scans(tracks))[1].sum())
 
 
 def _scans(tracks: Tracks) -> list[Scan]:
@@ -210,7 +209,7 @@ def prediction_errors(
             f"tracks: none has more than {window} positions, which a prediction is made from (window)"
         )
     scans = [Scan(stretches.times[:, i], stretches.positions[:, i]) for i in range(window)]
-    state, errors = run_filter(model, scans).state, []
+    (state, _), errors = run_filter(model, scans), []
     for lead_time, target in zip(lead_times, targets, strict=True):
         rows = target.stretches
         later = state.of(rows)
@@ -333,7 +332,7 @@ def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel
         return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
     result = minimize(
-        lambda logs: -run_filter(model_at(logs), scans).log_likelihood.sum() / count,
+        lambda logs: -run_filter(model_at(logs), scans)[1].sum() / count,
         np.log([one.usual / one.unit for one in ranges]),
         method="L-BFGS-B",
         bounds=np.log([(one.least / one.unit, one.most / one.unit) for one in ranges]),

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, Single
 from scp_planner.settings.online import RARE
-from scp_planner.tracking.change_hypotheses import Measurements
-from scp_planner.tracking.innovations import INNOVATIONS, cut, tested
-from scp_planner.tracking.mixtures import FilterModels, FilterStates, Mixture
-from scp_planner.tracking.oscillators import SlotStates, SwingStates
+from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SlotStates, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
 from scp_planner.tracking.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.tracking.tolerances import PROBABILITY
@@ -23,13 +21,17 @@ from scp_planner.tracking.tolerances import PROBABILITY
 
 @dataclass(frozen=True)
 class NoticingParameters:
+    # Numbers of the newest innovations that are tested together
+    windows: tuple[int, ...] = (2, 3, 4, 6, 8, 12, 16, 24, 32)
+    # Standard deviations to which innovations are cut: an outlier alone makes no alarm of a probability of `RARE`
+    wild: float = 4.0
     calm: float = 3.0  # Log odds from which on, with as much evidence since an alarm, it was a false one
     # Weight that those who weave must have together to count: zones of what swings are of more pieces than others
     little: float = 1e-3
 
 
 NOTICING = NoticingParameters()
-_KEPT = INNOVATIONS.windows[-1]
+_KEPT = NOTICING.windows[-1]
 """Newest measurements of each obstacle that are kept."""
 
 
@@ -69,7 +71,6 @@ class Bank:
         return slot
 
     def clear(self, slot: int) -> None:
-        """Forget all that was seen of the obstacle in a slot."""
         self.polynomials.reset(slot)
         for array in (self.count, self._since, self.alarmed, self.weights, self.trend):
             array[..., slot] = 0
@@ -79,7 +80,6 @@ class Bank:
         self._end[slot] = _KEPT
 
     def give_back(self, slot: int) -> None:
-        """Leave a slot to others."""
         self._free.append(slot)
 
     def set_noise(self, factor: float) -> None:
@@ -172,12 +172,10 @@ class Bank:
 
     def _fed(self, slots: Index) -> tuple[Array, Array]:
         """Standardised innovations (2, n) of the polynomials, and log densities (n,); 0 where too little was seen."""
-        found = self.polynomials.innovations
-        share = found.share[slots]
+        scaled, shrunk = self.polynomials.innovations
+        share = shrunk[slots]
         sure = share > PROBABILITY
-        innovations = np.where(
-            sure, self._whitened(slots, found.scaled.take(slots, axis=1)) / math.sqrt(self.noise), 0.0
-        )
+        innovations = np.where(sure, self._whitened(slots, scaled.take(slots, axis=1)) / math.sqrt(self.noise), 0.0)
         share = np.where(sure, share, 1.0)
         squares = innovations[0] * innovations[0] + innovations[1] * innovations[1]
         return innovations, np.where(sure, -0.5 * squares - np.log(self.noise / (share * share)), 0.0)
@@ -238,7 +236,7 @@ class Bank:
         self.trend[slots] = trends.max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[slots]
         if fresh.any():
-            self.alarm(slots[fresh], np.array(INNOVATIONS.windows)[worst[:, fresh].argmax(axis=0)])
+            self.alarm(slots[fresh], np.array(NOTICING.windows)[worst[:, fresh].argmax(axis=0)])
         some = self.alarmed[slots]
         if some.any():
             self._weigh(slots[some], most[some] <= 1.0)
@@ -333,10 +331,9 @@ class Bank:
 
     # the noise
 
-    def looks(self, slots: Index) -> Measurements:
-        """The newest looks at some obstacles, (n,)."""
-        rows = self._newest(self._looks, slots)
-        return Measurements(rows[0], rows[1:])
+    def looks(self, slots: Index) -> Array:
+        """Times, s, and positions, m, of the newest looks at some obstacles, (3, ring, n); -inf before the first."""
+        return self._newest(self._looks, slots)
 
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
@@ -354,3 +351,40 @@ def _run(slots: Index) -> Index | slice:
         return slice(0)
     first, end = int(slots[0]), int(slots[-1]) + 1
     return slice(first, end) if np.array_equal(slots, np.arange(first, end)) else slots
+
+
+@cache
+def _weights() -> Single:
+    """Weights of the trend in each window, (ring, windows), oldest first: squares 1, 4, 9 ..., of length 1."""
+    weights = np.zeros((NOTICING.windows[-1], len(NOTICING.windows)))
+    for column, window in enumerate(NOTICING.windows):
+        weights[NOTICING.windows[-1] - window :, column] = np.arange(1, window + 1) ** 2
+    return np.asarray(weights / np.linalg.norm(weights, axis=0), dtype=np.float32)
+
+
+@lru_cache(maxsize=8)
+def _members(probability: float) -> Single:
+    """One over the quantile of chi-square for the size of each window, (windows, ring); 0 of what is not in it."""
+    from scipy.special import gammainccinv
+
+    limits = 2.0 * gammainccinv(np.array(NOTICING.windows, dtype=float), probability)
+    return np.asarray(((_weights() > 0.0) / limits).T, dtype=np.float32)
+
+
+def cut(innovations: Array) -> Single:
+    """Give standardised innovations (2, ...) as windows look at them: cut at `wild`, and their squares, (3, ...)."""
+    x, y = innovations
+    squares = x * x + y * y
+    within = np.minimum(squares, NOTICING.wild**2)
+    share = np.sqrt(within / np.maximum(squares, NOTICING.wild**2 * 1e-9))
+    # 32 bits take half of the time of 64 to test: an alarm is no matter of the eighth digit.
+    return np.stack([share * x, share * y, within]).astype(np.float32)
+
+
+def tested(innovations: Single, probability: float) -> tuple[Single, Single]:
+    """Squared trends and test statistics, (..., windows, n) each, of newest innovations, cut, (3, ..., ring, n)."""
+    x, y, squares = innovations
+    weights = _weights().T
+    trends = (weights @ x) ** 2 + (weights @ y) ** 2
+    # trends are chi-square with 2 degrees of freedom, and an alarm, of a probability, is a statistic above 1
+    return trends, np.maximum(_members(probability) @ squares, trends / (-2.0 * math.log(probability)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.tolerances import DEFINITE, SYMMETRY
 
@@ -24,7 +24,6 @@ class CheckedObservations:
 def check_observations(
     times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None = None
 ) -> CheckedObservations:
-    """Check and sort observations."""
     t, z = _numbers(times, "time"), _numbers(positions, "position")
     if t.ndim != 1 or z.shape != (len(t), 2):
         raise EstimationError(f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)")
@@ -64,31 +63,6 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
             place, matrix = ("", sigma) if sigma.ndim == 2 else (f"[{i}]", sigma[i])
             raise EstimationError(f"observations.covariance{place}: {matrix.tolist()} is not {what}")
     return 0.5 * (sigma + np.swapaxes(sigma, -1, -2))
-
-
-def usable(
-    times: Array,
-    positions: Array,
-    seen: ArrayLike | None,
-    last_times: Array,
-    last_positions: Array,
-) -> Mask:
-    """Tell which new observations of K obstacles, at most one of each, can be used."""
-    finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
-    wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
-    used: Mask = wanted & finite
-    if not np.array_equal(used, wanted):
-        k = int(np.argmax(wanted & ~finite))
-        raise EstimationError(
-            f"obstacle {k}: time {float(times[k])!r} or position {positions[k].tolist()} is not finite"
-        )
-    again = used & (times == last_times)
-    if again.any():
-        again &= (positions == last_positions).all(axis=1)
-        if again.any():
-            k = int(np.argmax(again))
-            raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
-    return used
 
 
 def _numbers(values: ArrayLike, name: str) -> Array:

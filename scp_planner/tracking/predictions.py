@@ -35,7 +35,6 @@ class Later:
     covariances: Array  # (S, Q, 3) m^2
 
     def at(self, time: float) -> _Polynomials:
-        """The piece at a time, s."""
         piece = int(np.clip(np.searchsorted(self.breaks, time, "right") - 1, 0, len(self.breaks) - 2))
         return float(self.breaks[piece]), self.centers[piece], self.covariances[piece]
 

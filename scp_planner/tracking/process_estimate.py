@@ -190,12 +190,10 @@ class ProcessEstimate(MotionEstimate):
 
     @property
     def order(self) -> int:  # type: ignore[override]
-        """Order of the predicted motion: 1 keeps the velocity, 2 the acceleration."""
         return self.dynamics.order
 
     @property
     def errors(self) -> ErrorLaw:  # type: ignore[override]
-        """Normal, or Student with heavy tails."""
         return NormalErrors() if self.tails is None else StudentErrors(self.tails.degrees_of_freedom)
 
     @property

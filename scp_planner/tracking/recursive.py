@@ -21,7 +21,7 @@ from scp_planner.tracking.maximum_likelihood import (
     prior_rows,
 )
 from scp_planner.tracking.motion_estimate import PolynomialEstimate, shift_powers
-from scp_planner.tracking.observations import check_covariance, usable
+from scp_planner.tracking.observations import check_covariance
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,12 @@ class SquareRoots:
     last: Array  # Times of the first and the last observation
 
     def of(self, some: Index) -> SquareRoots:
-        """Select some of the motions."""
         # Contiguous: so an estimate has the same bits beside others as alone.
         return SquareRoots(**{name: np.ascontiguousarray(value[some]) for name, value in vars(self).items()})
 
     @classmethod
     def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
-        """Concatenate."""
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
-
-
-@dataclass(frozen=True)
-class Innovations:
-    """Differences of new observations of K obstacles from their predictions."""
-
-    scaled: Array  # The difference times ``share``; with the covariance of an observation
-    share: Array  # Deviation of an observation over that of the difference, which the estimate adds to
 
 
 class RecursiveEstimator:
@@ -90,26 +80,18 @@ class RecursiveEstimator:
 
     @property
     def observations(self) -> Index:
-        """Number of observations of each estimate, (K,)."""
         return self._count.copy()
 
     @property
     def roots(self) -> SquareRoots:
         """Square roots from which many estimates are made at once."""
-        m = self._unknowns
-        return SquareRoots(
-            self._factor[:, :m].transpose(2, 0, 1),
-            self._factor[:, m:].transpose(2, 0, 1),
-            self._center,
-            self._origin,
-            self._first,
-            self._last,
-        )
+        factor, m = self._factor.transpose(2, 0, 1), self._unknowns
+        return SquareRoots(factor[..., :m], factor[..., m:], self._center, self._origin, self._first, self._last)
 
     @property
-    def innovations(self) -> Innovations:
-        """Innovations of the last update; none for covariances that vary."""
-        return Innovations(self._left, self._shrunk)
+    def innovations(self) -> tuple[Array, Array]:
+        """Innovations (2, K) of the last update, shrunk to the noise of an observation, and by which factors, (K,)."""
+        return self._left, self._shrunk
 
     def grow(self, obstacles: int) -> None:
         """Make room for more obstacles, so many in all, of which nothing has been seen."""
@@ -132,7 +114,6 @@ class RecursiveEstimator:
         self._sigma[obstacle] = covariance
 
     def reset(self, obstacle: int = 0) -> None:
-        """Forget all that was seen of an obstacle."""
         self._factor[..., obstacle] = self._scatter[..., obstacle] = 0.0
         self._count[obstacle] = 0
         self._noise_sum[obstacle] = 0.0
@@ -152,13 +133,26 @@ class RecursiveEstimator:
         z = np.asarray(positions, dtype=float)
         if z.shape != (count, 2):
             raise EstimationError(f"positions: their shape is {z.shape}; must be ({count}, 2)")
-        used = usable(t, z, seen, self._last, self._newest)
+        used = self._usable(t, z, np.ones(count, dtype=bool) if seen is None else np.asarray(seen, dtype=bool))
         if self._varying is (covariance is None):
             raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
         sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
         some = np.flatnonzero(used)
         self.take_in(some, t[some], z[some], None if sigma is None else sigma[some])
         return used
+
+    def _usable(self, times: Array, positions: Array, wanted: Mask) -> Mask:
+        """Refuse wanted observations that are not finite or came before."""
+        odd = wanted & ~(np.isfinite(times) & np.isfinite(positions).all(axis=1))
+        if odd.any():
+            k = int(np.argmax(odd))
+            where = f"time {float(times[k])!r} or position {positions[k].tolist()}"
+            raise EstimationError(f"obstacle {k}: {where} is not finite")
+        again = wanted & (times == self._last) & (positions == self._newest).all(axis=1)
+        if again.any():
+            k = int(np.argmax(again))
+            raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
+        return wanted
 
     def take_in(self, some: Index, times: Array, positions: Array, sigma: Array | None = None) -> None:
         """Take in one observation each of some obstacles, which nothing is wrong with."""
@@ -187,15 +181,10 @@ class RecursiveEstimator:
         r, d = self._factor[:, :m, k], self._factor[:, m:, k]
         if distinct and not np.all(np.abs(np.diag(r)) > 0.0):
             raise EstimationError(f"obstacle {k}: its observations are at too few times for order {self.order}")
-        errors: ErrorLaw = NormalErrors()
-        regressors: int | None = p
-        if self._varying or prior is not None:
-            sigma = self._noise_sum[k] / n if self._varying else self._noise(k)[0]
-            errors = NormalErrors() if known else self._noise(k)[1]
+        (sigma, errors), regressors = self._noise(k), None if self._varying or prior is not None else p
+        if regressors is None:
             coefficients, covariance = self._general(k, None if self._varying else sigma, prior)
-            regressors = None
         else:
-            sigma, errors = self._noise(k)
             inverse = np.asarray(np.linalg.inv(r), dtype=float)
             coefficients = inverse @ d
             covariance = np.einsum("jk,ab->jakb", inverse @ inverse.T, sigma)
@@ -220,17 +209,12 @@ class RecursiveEstimator:
         variance = second / weight - (first / weight) ** 2
         return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
 
-    def _powers(self, t: Array, some: Index) -> Array:
-        u = t - self._center[some]
-        rows = np.empty((self.order + 1, len(u)))
-        rows[0] = 1.0
-        for j in range(1, self.order + 1):
-            np.multiply(rows[j - 1], u, out=rows[j])
-        return rows
-
     def _rows(self, t: Array, z: Array, sigma: Array | None, some: Index) -> Array:
         """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
-        powers, offset = self._powers(t, some), (z - self._origin[some]).T
+        u, offset = t - self._center[some], (z - self._origin[some]).T
+        powers = np.ones((self.order + 1, len(u)))
+        for j in range(1, self.order + 1):
+            np.multiply(powers[j - 1], u, out=powers[j])
         if sigma is None:
             return np.concatenate([powers, offset])[None]
         whiten = np.linalg.inv(np.linalg.cholesky(sigma))
@@ -261,6 +245,8 @@ class RecursiveEstimator:
         self._factor[..., some], self._shrunk[some] = factor, shrunk
 
     def _noise(self, k: int) -> tuple[Array, ErrorLaw]:
+        if self._varying:
+            return self._noise_sum[k] / self._count[k], NormalErrors()
         if self._sigma is not None:
             return self._sigma[k], NormalErrors()
         degrees = float(self._count[k]) - self._unknowns
@@ -302,7 +288,6 @@ class Primed:
 
     @classmethod
     def of(cls, roots: SquareRoots, noise: Array, prior: MotionPrior) -> Primed:
-        """Estimate motions of order 1 or 2."""
         count, p = roots.factor.shape[:2]
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         seen = kronecker(roots.factor, whiten)

@@ -23,7 +23,7 @@ from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings, world_of
 from scp_planner.simulation.worlds import Script, SocialForces, VehicleState, World
-from scp_planner.tracking.track_files import Track
+from scp_planner.tracking.tracks import Track
 
 SHORT = {"goal": {"position": (8.0, 0.0)}}
 

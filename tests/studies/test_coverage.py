@@ -24,8 +24,7 @@ from scp_planner.studies.coverage import (
 from scp_planner.studies.recorded import measure_recorded_coverage
 from scp_planner.studies.recorded import summary as summary_of_recorded
 from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 SIGMA = np.array([[0.02, 0.009], [0.009, 0.01]])  # the study's own
 

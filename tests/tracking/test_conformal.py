@@ -18,8 +18,7 @@ from scp_planner.tracking.conformal import (
     square_within,
 )
 from scp_planner.tracking.motion_fitting import fit_motion_model, prediction_errors
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5])

@@ -21,8 +21,7 @@ from scp_planner.tracking.motion_fitting import (
     prediction_errors,
     stretches_of,
 )
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 KINDS = {
     "random_walk": {"diffusion": 0.05},

@@ -21,8 +21,7 @@ from scp_planner.tracking.kalman import estimate_process, estimate_processes
 from scp_planner.tracking.motion_fitting import log_likelihood
 from scp_planner.tracking.observations import check_observations
 from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 pytestmark = pytest.mark.numerics
 

@@ -10,8 +10,7 @@ import pytest
 from scp_planner.errors import EstimationError, ScenarioError, TracksError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.estimate import estimate_obstacle
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 OBSMAT = """\
    1.0000000e+01   1.0000000e+00   0.0   0.0   5.0   1.2   0.0   0.0

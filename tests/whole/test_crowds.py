@@ -15,8 +15,7 @@ from benchmarks.crowds import policies, recorded
 from benchmarks.report.__main__ import main as write_page
 from scp_planner.arrays import Array
 from scp_planner.simulation.crowds import circle_crossing
-from scp_planner.tracking.track_files import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 
 def test_closest_is_that_of_many_points_between() -> None:
