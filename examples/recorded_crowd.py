@@ -23,8 +23,7 @@ import numpy as np
 import scp_planner as sp
 from scp_planner.plotting import plot_plan
 from scp_planner.tracking.motion_fitting import fit_motion_model
-from scp_planner.tracking.tracks import Track
-from scp_planner.tracking.tracks import Tracks
+from scp_planner.tracking.tracks import Track, Tracks
 
 FILE = Path("pedestrians") / "eth_obsmat.txt"
 SOURCE = "https://github.com/crowdbotp/OpenTraj (datasets/ETH/seq_eth/obsmat.txt)"

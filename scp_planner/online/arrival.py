@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.certificate.tolerances import GOAL_SPEED_TOLERANCE
-from scp_planner.online.braking import Braking
 from scp_planner.online.following import Following
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.remaining import State
+from scp_planner.online.stops import Braking
 from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.models import Goal
 from scp_planner.scenario.units import changed

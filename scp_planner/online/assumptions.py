@@ -83,5 +83,4 @@ def _radii_towards(moved: Array, covariances: Array) -> Array:
     xx, xy, yy = (covariances + OFF**2 * np.array([1.0, 0.0, 1.0])).T
     squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
     # Where it is just as predicted it has moved in no direction, and there is nothing to reach
-    reach: Array = np.hypot(x, y) / np.sqrt(np.maximum(squared, np.finfo(float).tiny))
-    return reach
+    return np.hypot(x, y) / np.sqrt(np.maximum(squared, np.finfo(float).tiny))

@@ -63,8 +63,7 @@ class CellDistances:
         from scipy.ndimage import map_coordinates
 
         columns, rows = np.moveaxis(self.cells.local(places) - 0.5, -1, 0)
-        found: Array = map_coordinates(self._signed, [rows, columns], order=1, mode="nearest")
-        return found
+        return map_coordinates(self._signed, [rows, columns], order=1, mode="nearest")
 
 
 @dataclass(frozen=True)

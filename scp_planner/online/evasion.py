@@ -12,16 +12,15 @@ from scp_planner.arrays import Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.occupancy import NAME as MAP
-from scp_planner.online.braking import braking_of
 from scp_planner.online.evasive_manoeuvres import BORDER, EvasiveManoeuvres
 from scp_planner.online.expected_harm import HARM, harms_of_manoeuvres, harms_of_trips
 from scp_planner.online.manoeuvre_courses import COURSES, GRADUAL, PROMPT, ManoeuvreProfiles, Profiles, RampedProfiles
-from scp_planner.online.manoeuvre_outlooks import Driven, ManoeuvreOutlooks, Outlook
+from scp_planner.online.manoeuvre_outlooks import ManoeuvreOutlooks, Outlook
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.safety_gate import Moment, Stop
-from scp_planner.online.stops import STOPS
+from scp_planner.online.stops import STOPS, braking_of
 from scp_planner.online.tolerances import TIME
 from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
@@ -100,13 +99,14 @@ class Evasion:
         if not self._means.gives_way_late:
             standing = HARM.creeping
         goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
-        soon, border = self._soon(moment), self.outlooks.border(moment)
+        soon = self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
+        border = self.outlooks.border(moment)
         trips = harms_of_trips(moment, [each.trip for each in others], times, border, confidence, standing, soon)
         manoeuvres = harms_of_manoeuvres(moment, view.manoeuvres, border, confidence, standing, soon)
         least = min(trips.impact.min(initial=np.inf), manoeuvres.impact.min())
         braking = min(float(manoeuvres.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
         harms, of_manoeuvres = (each.no_harder_than(least, braking) for each in (trips, manoeuvres))
-        seen = self.outlooks.with_every_dead_end(moment, Driven.all_of(view.manoeuvres), view.seen)
+        seen = self.outlooks.with_every_dead_end(moment, view.manoeuvres, view.seen)
         if seen.lost.any():
             of_manoeuvres = of_manoeuvres + HARM.dead_end * self.outlooks.dead_end(moment, seen)
             ends = [float(self.outlooks.dead_end(moment, self._seen_of(now, each))[0]) for each in others]
@@ -200,8 +200,7 @@ class Evasion:
             going_on = None if begun is None else self.outlooks.of_stop(moment, begun, manoeuvres.times)
             some = self._in_time(now, manoeuvres, len(near), 1.0)
             seen = self._seen(now, some, near, some is not manoeuvres)
-            view = _SeenEvasiveManoeuvres(moment, some, near, seen, begun, going_on)
-            self._view = view
+            self._view = _SeenEvasiveManoeuvres(moment, some, near, seen, begun, going_on)
         return self._view
 
     def _seen(self, now: Replan, manoeuvres: EvasiveManoeuvres, near: Index, hurried: bool) -> Outlook:
@@ -238,9 +237,6 @@ class Evasion:
         both_ways = can_reverse(vehicle, state.speed)
         bend = PROMPT if vehicle.max_curvature_rate is None else GRADUAL
         return EvasiveManoeuvres.of(heading, profiles, limits, vehicle.radius, wait, both_ways, bend)
-
-    def _soon(self, moment: Moment) -> float:
-        return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
     def _made(
         self, now: Replan, manoeuvres: EvasiveManoeuvres, seen: Outlook, number: int, severity: float | None = None

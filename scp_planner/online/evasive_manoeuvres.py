@@ -56,8 +56,7 @@ class Room:
     @cached_property
     def least(self) -> Array:
         """The least of them, (C, J) m; inf where there is nothing near."""
-        least: Array = self.each.min(axis=0, initial=np.inf)
-        return least
+        return self.each.min(axis=0, initial=np.inf)
 
     def less(self, spare: Array) -> Array:
         """The least of them, (C, J) m, where so much, (L, J) or (L, 1) m, is taken from those to all L zones."""
@@ -96,7 +95,6 @@ class Family:
     def of(
         cls, courses: Courses, profiles: ManoeuvreProfiles, limits: Limits, radius: float, turning_at: float
     ) -> Family:
-        """Return the manoeuvres of a vehicle."""
         fastest = profiles.fastest
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (COURSES.limit_share * limits.curvature),
@@ -108,7 +106,6 @@ class Family:
 
     @property
     def size(self) -> int:
-        """Number of manoeuvres."""
         return self.length.size
 
     def every(self, stride: int) -> Family:
@@ -141,7 +138,6 @@ class Family:
         return along.reshape(-1, self.size, len(times))
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
-        """Return a manoeuvre as a trip, from the planning frame that they are in."""
         course, profile = divmod(number, len(self.profiles.stands))
         turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
         drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
@@ -167,14 +163,21 @@ class Family:
 
 
 @dataclass(frozen=True)
-class EvasiveManoeuvres:
+class Driven:
+    """Course of C manoeuvres at J times."""
+
+    times: Array  # (J,) s from now
+    position: Array  # (C, J, 2) m, in the planning frame
+    heading: Array  # (C, J) rad
+    until: Array  # (C,) When each is over, s from now
+
+
+@dataclass(frozen=True)
+class EvasiveManoeuvres(Driven):
     """C manoeuvres of one or two families, looked at together."""
 
     families: tuple[Family, ...]
     wait: float  # For how long a vehicle is to stand at the end, s
-    times: Array  # (J,) s from now
-    position: Array  # (C, J, 2) m, in the planning frame
-    heading: Array  # (C, J) rad
 
     @classmethod
     def of(
@@ -187,7 +190,6 @@ class EvasiveManoeuvres:
         both_ways: bool,
         bend: Bend,
     ) -> EvasiveManoeuvres:
-        """Return the manoeuvres of a vehicle."""
         families: tuple[Family, ...]
         if heading is None:
             late, turning_at = profiles.last(COURSES.bent_profiles), COURSES.bend_time * 2.0 * radius / limits.speed
@@ -209,7 +211,8 @@ class EvasiveManoeuvres:
         """Return all manoeuvres of families at times (J,), s from now."""
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
-        return cls(families, wait, times, position, headings)
+        stands = [np.tile(family.profiles.stands, len(family.courses.turn)) for family in families]
+        return cls(times, position, headings, np.concatenate(stands) + wait, families, wait)
 
     def few(self, most: float) -> EvasiveManoeuvres:
         """Return no more manoeuvres than that, but all of one course at least."""
@@ -217,11 +220,6 @@ class EvasiveManoeuvres:
         if stride == 1:
             return self
         return EvasiveManoeuvres.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
-
-    @cached_property
-    def until(self) -> Array:
-        stands = [np.tile(family.profiles.stands, len(family.courses.turn)) for family in self.families]
-        return np.concatenate(stands) + self.wait
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
         """Return a manoeuvre as a trip, from the planning frame that they are in."""
@@ -306,7 +304,6 @@ class EvasiveManoeuvres:
 
 
 def _of_size(batch: ZoneBatch, size: Size) -> ZoneBatch:
-    """Zones with ellipses of a size."""
     return smaller(foreseen(batch, size.latest, {}) if math.isfinite(size.latest) else batch, size.share)
 
 

@@ -13,7 +13,7 @@ from scp_planner.arrays import Array
 from scp_planner.online.border import Border
 from scp_planner.online.evasive_manoeuvres import WHOLE, EvasiveManoeuvres, Size, in_parts
 from scp_planner.online.foresight import foreseen
-from scp_planner.online.manoeuvre_worth import WORTH, a_moment
+from scp_planner.online.manoeuvre_outlooks import WORTH, a_moment
 from scp_planner.online.safety_gate import Moment
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LENGTH

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.certificate.ends import can_reverse
-from scp_planner.online.braking import braking_of
 from scp_planner.online.remaining import State
+from scp_planner.online.stops import braking_of
 from scp_planner.online.tolerances import OFF
 from scp_planner.scenario.models import Vehicle
 from scp_planner.scenario.scale import TOP_SPEED

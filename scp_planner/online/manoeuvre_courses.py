@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, unit_vectors
-from scp_planner.online.braking import distinct_knots
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
+from scp_planner.online.stops import distinct_knots
 from scp_planner.online.tolerances import JERK_SHARE, RELATIVE
 from scp_planner.scenario.limits import Limits
 
@@ -47,16 +46,14 @@ _SHARES = np.linspace(0.0, 1.0, COURSES.table)
 def smooth_step(share: Array) -> Array:
     """A step from 0 to 1 without a jump of its slope."""
     share = np.minimum(share, 1.0)
-    smooth: Array = share * share * (3.0 - 2.0 * share)
-    return smooth
+    return share * share * (3.0 - 2.0 * share)
 
 
 def prompt_step(share: Array) -> Array:
     """A step from 0 to 1 that rises evenly from the beginning on; at the end its slope and the change of that are 0."""
     share = np.minimum(share, 1.0)
     eased = np.maximum(share - (1.0 - COURSES.easing), 0.0) / COURSES.easing
-    prompt: Array = (share - COURSES.easing * eased**3 * (1.0 - 0.5 * eased)) / (1.0 - 0.5 * COURSES.easing)
-    return prompt
+    return (share - COURSES.easing * eased**3 * (1.0 - 0.5 * eased)) / (1.0 - 0.5 * COURSES.easing)
 
 
 @dataclass(frozen=True)
@@ -69,14 +66,12 @@ class Bend:
 def aside(share: Array) -> Array:
     """Rise from 0 to 1 and fall back to 0 along a parabola."""
     share = np.minimum(share, 1.0)
-    turned: Array = 4.0 * share * (1.0 - share)
-    return turned
+    return 4.0 * share * (1.0 - share)
 
 
 def gradually_aside(share: Array) -> Array:
     """Rise from 0 to 1 and fall back to 0 without a jump of the slope."""
-    turned: Array = aside(share) ** 2
-    return turned
+    return aside(share) ** 2
 
 
 GRADUAL = Bend(smooth_step, 1.5)
@@ -94,31 +89,6 @@ class ManoeuvreDrive:
     breakpoints: tuple[float, ...]
     beta: Array  # Control points of the acceleration, m/s^2
     lasts: float  # s
-
-
-class ManoeuvreProfiles(Protocol):
-    """P drives that end in a stop."""
-
-    @property
-    def stands(self) -> Array: ...
-
-    @property
-    def fastest(self) -> Array:
-        """Highest speeds, (P,) m/s."""
-        ...
-
-    @property
-    def way(self) -> Array: ...
-
-    def last(self, count: int) -> Self:
-        """The last so many of them."""
-        ...
-
-    def distance(self, times: Array) -> Array:
-        """Distances driven at times (J,), (P, J) m."""
-        ...
-
-    def drive(self, number: int) -> ManoeuvreDrive: ...
 
 
 def levels_and_cruises(limits: Limits, width: float) -> tuple[Array, Array]:
@@ -140,7 +110,6 @@ class Profiles:
 
     @classmethod
     def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
-        """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits, width)
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * COURSES.limit_share
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * COURSES.limit_share)
@@ -158,14 +127,12 @@ class Profiles:
         return cls(speed, span, end * span)
 
     def last(self, count: int) -> Profiles:
-        """The last so many of them."""
         return Profiles(self.speed[-count:], self.span[-count:], self.stands[-count:])
 
     @property
     def fastest(self) -> Array:
         """Highest speeds, (P,) m/s."""
-        highest: Array = self.speed.max(axis=1)
-        return highest
+        return self.speed.max(axis=1)
 
     @property
     def way(self) -> Array:
@@ -290,7 +257,6 @@ class RampedProfiles:
 
     @classmethod
     def of(cls, state: State, limits: Limits, jerk: float, width: float, wait: float) -> RampedProfiles:
-        """Return the profiles of a vehicle."""
         level, cruise = levels_and_cruises(limits, width)
         speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
         share, jerk = COURSES.limit_share, JERK_SHARE * jerk
@@ -303,7 +269,6 @@ class RampedProfiles:
         return cls(change, braking, level, cruise, np.maximum(stands + wait, width / limits.speed))
 
     def last(self, count: int) -> RampedProfiles:
-        """The last so many of them."""
         return RampedProfiles(
             self.change.last(count),
             self.braking.last(count),
@@ -314,21 +279,17 @@ class RampedProfiles:
 
     @property
     def stands(self) -> Array:
-        found: Array = self.change.duration + self.cruise + self.braking.duration
-        return found
+        return self.change.duration + self.cruise + self.braking.duration
 
     @property
     def fastest(self) -> Array:
-        """Highest speeds, (P,) m/s."""
-        found: Array = np.maximum(self.change.fastest, self.level)
-        return found
+        return np.maximum(self.change.fastest, self.level)
 
     @cached_property
     def way(self) -> Array:
         return self.change.way + self.level * self.cruise + self.braking.way
 
     def distance(self, times: Array) -> Array:
-        """Distances driven at times (J,), (P, J) m."""
         begun = (self.change.duration + self.cruise)[:, None]
         changing = self.change.distance(np.minimum(times, begun))
         braking: Array = self.braking.distance(
@@ -343,3 +304,6 @@ class RampedProfiles:
         accelerations = np.concatenate([change.acceleration[number], braking.acceleration[number], [0.0]])
         breaks, beta = distinct_knots(times / whole, accelerations)
         return ManoeuvreDrive(float(change.start_speed[number]), 1, tuple(breaks.tolist()), beta, whole)
+
+
+ManoeuvreProfiles = Profiles | RampedProfiles

@@ -12,12 +12,12 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.online.border import CELL_WINDOW, Border, CellDistances
-from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, EvasiveManoeuvres, Room, Size
+from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, Driven, EvasiveManoeuvres, Room, Size
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
-from scp_planner.online.manoeuvre_worth import WORTH, a_moment, harm, nearness, value_at
 from scp_planner.online.means import Means
 from scp_planner.online.safety_gate import Moment, Stop
+from scp_planner.online.stops import time_from_a_stand
 from scp_planner.online.tolerances import LENGTH
 from scp_planner.online.way_left import WAY, way_left, way_left_both_ways, way_on
 from scp_planner.scenario.limits import Limits
@@ -28,15 +28,40 @@ from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
-class Driven:
-    times: Array
-    position: Array
-    heading: Array
-    until: Array
+class WorthParameters:
+    # Widths that the vehicle drives in a moment, from a stand: so one that starts slowly looks ahead for longer
+    moment_widths: float = 0.8
+    # Moments, at which the way to the goal is taken that a manoeuvre gains: what comes later is decided by later
+    # replans. With half as many a vehicle goes along with who crosses its way rather than let them pass
+    gain_time: float = 3.5
+    nearness: float = 4.0  # Widths of way that a moment of touching a zone is worth, if it were now
+    close: float = 1.0 / 4.0  # Widths of more clearance, by which nearness falls to 1 / e, now
+    close_growth: float = 1.0 / 20.0  # Widths a moment, by which that grows with time
+    # Per moment: how soon nearness that is to come counts less, since there will be replans until then
+    fading: float = 0.9
+    outlook: float = 5.0  # Moments for which nearness counts
+    # Moments for which zones grow, where nearness to them and harm are judged: of what is farther ahead the vehicle
+    # will know as much by when it is there. Zones that grow on fill a crowd, and drive the vehicle away to where nobody
+    # is
+    growing: float = 1.0
+    # Widths within which distances of what is driven are exact: what is farther away hardly counts
+    exact_widths: float = 2.0
+    harm: float = 50.0  # Widths of way that a width of depth in a zone is worth, if it were now
+    harm_at_all: float = 1.0 / 6.0  # Widths of depth that any entry into a zone counts besides
+    patience: float = 10.0  # Moments without coming nearer to the goal, after which nearness and spare room count half
+    # Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a
+    # small turn takes as much. Of who is slower: in proportion
+    spare: float = 1.0 / 24.0
+    # Lengths of way that a length is worth by which a manoeuvre shortens what can be driven: it ends in a dead end
+    lost: float = 4.0
 
-    @classmethod
-    def all_of(cls, manoeuvres: EvasiveManoeuvres) -> Driven:
-        return cls(manoeuvres.times, manoeuvres.position, manoeuvres.heading, manoeuvres.until)
+
+WORTH = WorthParameters()
+
+
+def a_moment(vehicle: Vehicle) -> float:
+    """Time unit of evasion, s: a vehicle drives `moment_widths` of its width in it, from a stand."""
+    return time_from_a_stand(vehicle, WORTH.moment_widths * 2.0 * vehicle.radius)
 
 
 @dataclass(frozen=True)
@@ -68,8 +93,7 @@ class ManoeuvreOutlooks:
         vehicle = moment.scenario.vehicle
         sizes, period = (WHOLE, Size(latest=self._growing)), self._means.safety_gate.period
         room, judged = manoeuvres.rooms(moment.batch, self.border(moment), vehicle, period, near, sizes)
-        driven = Driven.all_of(manoeuvres)
-        seen = self._with_dead_ends(moment, driven, self.seen(moment, driven, room, judged), best)
+        seen = self._with_dead_ends(moment, manoeuvres, self.seen(moment, manoeuvres, room, judged), best)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
             return self._with_backing_out(moment, manoeuvres, seen)
         return seen
@@ -260,8 +284,7 @@ class ManoeuvreOutlooks:
 
     def dead_end(self, moment: Moment, seen: Outlook) -> Array:
         """Share of the way that the vehicle could drive on, which it cannot after each manoeuvre, (C,)."""
-        share: Array = seen.lost / max(WAY.far * self.tightest(moment), LENGTH)
-        return share
+        return seen.lost / max(WAY.far * self.tightest(moment), LENGTH)
 
     def tightest(self, moment: Moment) -> float:
         """Return the radius of the tightest turn that manoeuvres with a heading take, m; 0 where that is free."""
@@ -307,3 +330,21 @@ def until_over(near: Array, driven: Driven) -> Array:
     found = np.where(over, np.inf, near)
     found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
     return found
+
+
+def nearness(time: Array, clearance: Array) -> Array:
+    weight = np.where(time <= WORTH.outlook, time[1] - time[0], 0.0) / (1.0 + WORTH.fading * time)
+    # How deep it is inside of a zone is not judged here.
+    return np.exp(-np.maximum(clearance, -WORTH.close) / (WORTH.close + WORTH.close_growth * time)) @ weight
+
+
+def harm(time: Array, clearance: Array) -> Array:
+    depth = np.where(clearance < 0.0, WORTH.harm_at_all - clearance, 0.0)
+    return WORTH.harm * (depth / (1.0 + WORTH.fading * time)).max(axis=1)
+
+
+def value_at(time: float, times: Array, values: Array) -> Array:
+    """Return values (C, ...) at a time, of those (C, J, ...) at times (J,)."""
+    after = int(np.searchsorted(times, time).clip(1, len(times) - 1))
+    share = min((time - times[after - 1]) / (times[after] - times[after - 1]), 1.0)
+    return np.asarray(values[:, after - 1] + share * (values[:, after] - values[:, after - 1]))

@@ -18,7 +18,6 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.arrival import Arrival
-from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
@@ -36,7 +35,7 @@ from scp_planner.online.reasons import (
 )
 from scp_planner.online.remaining import State, _guide_from, bounds_round, driven_at, path_ahead, remaining_trip
 from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
-from scp_planner.online.stops import STOPS
+from scp_planner.online.stops import STOPS, Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.tolerances import OFF
 from scp_planner.planning.along_routes import guide_on
 from scp_planner.planning.offline import GETS_AWAY, planned

@@ -15,14 +15,15 @@ from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.online.alarmed_zones import Alarmed, changes_among
 from scp_planner.online.foresight import Learning, least_noise
-from scp_planner.online.initialised_tracks import (
+from scp_planner.online.many_zones import (
     InitialisedTracks,
     Learnt,
+    Level,
     SortedTracks,
     TrackKind,
     learns,
+    newcomers_together,
 )
-from scp_planner.online.many_zones import Level, newcomers_together
 from scp_planner.online.regions import RegionSizes
 from scp_planner.online.track import (
     TRACKS,

@@ -58,14 +58,11 @@ class Ramps:
         )
 
     def last(self, count: int) -> Ramps:
-        """The last so many of them."""
         return Ramps(self.start_speed[-count:], self.knots[-count:], self.acceleration[-count:])
 
     @property
     def duration(self) -> Array:
-        """(n,) s."""
-        last: Array = self.knots[:, -1]
-        return last
+        return self.knots[:, -1]
 
     @cached_property
     def _speeds(self) -> Array:
@@ -79,14 +76,12 @@ class Ramps:
         first, second = self.acceleration[:, 0], self.acceleration[:, 1]
         falls = (first > 0.0) & (second < 0.0)
         until = self.knots[:, 1] * np.where(falls, first / np.where(falls, first - second, 1.0), 0.0)
-        highest: Array = np.maximum(self._speeds.max(axis=1), self.start_speed + 0.5 * first * until)
-        return highest
+        return np.maximum(self._speeds.max(axis=1), self.start_speed + 0.5 * first * until)
 
     @property
     def way(self) -> Array:
         """Distances driven until the end, (n,) m."""
-        whole: Array = self.distance(self.duration[:, None])[:, 0]
-        return whole
+        return self.distance(self.duration[:, None])[:, 0]
 
     def distance(self, times: Array) -> Array:
         """Distances driven, (n, k) m, at times (n, k), s; at the end's speed after the end."""

@@ -209,8 +209,7 @@ def _fastest(problem: Problem, length: float, state: State) -> Array:
 
 def _most_change(problem: Problem, duration: float) -> Array:
     """By how much the jerk lets accelerations change from breakpoint to breakpoint of a trip, s, m/s^2."""
-    change: Array = _jerk(problem) * duration * np.diff(problem.space.acceleration.breakpoints)
-    return change
+    return _jerk(problem) * duration * np.diff(problem.space.acceleration.breakpoints)
 
 
 def _jerk(problem: Problem) -> float:

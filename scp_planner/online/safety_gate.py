@@ -14,13 +14,20 @@ from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import Braking, braking_of, leaving, spans_between
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.reasons import Reason
 from scp_planner.online.remaining import State, TripSamples
-from scp_planner.online.stops import standing_from, standing_trip, surely_clear
+from scp_planner.online.stops import (
+    Braking,
+    braking_of,
+    leaving,
+    spans_between,
+    standing_from,
+    standing_trip,
+    surely_clear,
+)
 from scp_planner.online.tolerances import TIME
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario

@@ -103,5 +103,4 @@ def way_on(place: Array, heading: Array, radius: float, clear: Callable[[Array],
     local = radius * _WAYS_ON
     places = place[:, None, None] + local[..., :1] * ahead[:, None, None] + local[..., 1:] * aside[:, None, None]
     driven = np.logical_and.accumulate(clear(places), axis=-1).sum(axis=-1).max(axis=-1)
-    longest: Array = radius * WAY.far / WAY.steps * driven
-    return longest
+    return radius * WAY.far / WAY.steps * driven

@@ -130,8 +130,7 @@ class TrackingTube:
         for name, values, most in (("speed", pace, self.max_speed), ("lateral", turn, self.max_lateral)):
             if not np.all((values >= 0.0) & (values <= most * (1.0 + TUBE_TOLERANCE))):
                 raise EstimationError(f"{name}: must be from 0 to {most:g}, the largest one recorded")
-        radius: Array = self.standing + self.per_speed * pace + self.per_lateral * turn
-        return radius
+        return self.standing + self.per_speed * pace + self.per_lateral * turn
 
     def inside(self, units: NaturalUnits) -> TrackingTube:
         return replace(

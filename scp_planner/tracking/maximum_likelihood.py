@@ -195,8 +195,7 @@ def _at_least(sigma: Array, least: float) -> Array:
     if float(mean - spread) >= least:
         return sigma
     values, vectors = np.linalg.eigh(0.5 * (sigma + sigma.T))
-    raised: Array = (vectors * np.maximum(values, least)) @ vectors.T
-    return raised
+    return (vectors * np.maximum(values, least)) @ vectors.T
 
 
 def _general_fit(rows: Array, z: Array, sigma: Array, prior: tuple[Array, Array] | None) -> tuple[Array, Array]:

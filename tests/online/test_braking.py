@@ -10,11 +10,10 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import EvenBraking, RampedBraking, braking_of, straight_stop
 from scp_planner.online.plan import Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import fits, standing_from
+from scp_planner.online.stops import EvenBraking, RampedBraking, braking_of, fits, standing_from, straight_stop
 from scp_planner.scenario.models import Vehicle
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings

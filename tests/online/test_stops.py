@@ -9,10 +9,9 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import EvenBraking, straight_stop
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after, stop_now
+from scp_planner.online.stops import EvenBraking, fits, standing_from, straight_stop
 from scp_planner.scenario.limits import Limits
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -32,6 +31,10 @@ def straight(length: float, speed: float) -> Path:
     return Path(space, np.zeros(space.path_size))
 
 
+def at_speed(speed: float) -> State:
+    return State(0.0, (0.0, 0.0), None, speed)
+
+
 def at(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     """Distances driven, m."""
     return trajectory.at(trajectory.space.time_table(times / trajectory.travel_time)).distance
@@ -39,7 +42,7 @@ def at(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.5, 2.0), (3.0, 2.0), (2.5, 0.7)])
 def test_a_stop_now_takes_the_time_and_the_way_of_the_textbook(speed: float, deceleration: float) -> None:
-    stop = stop_now(straight(20.0, speed), speed, deceleration)
+    stop = EvenBraking(deceleration).stop_now(straight(20.0, speed), at_speed(speed))
     assert stop.travel_time == pytest.approx(speed / deceleration, rel=1e-12)
     times = np.linspace(0.0, stop.travel_time, 101)
     assert at(stop, times) == pytest.approx(speed * times - 0.5 * deceleration * times**2, abs=1e-12)
@@ -51,11 +54,11 @@ def test_a_stop_now_takes_the_time_and_the_way_of_the_textbook(speed: float, dec
 def test_a_stop_fits_a_path_that_is_as_long_as_its_way(share: float, fitting: bool) -> None:
     speed, deceleration = 3.0, 2.0
     path = straight(share * speed**2 / (2.0 * deceleration), speed)
-    assert fits(stop_now(path, speed, deceleration)) is fitting
+    assert fits(EvenBraking(deceleration).stop_now(path, at_speed(speed))) is fitting
 
 
 def test_who_stands_goes_on_standing() -> None:
-    stop = stop_now(straight(5.0, 0.0), 0.0, 2.0)
+    stop = EvenBraking(2.0).stop_now(straight(5.0, 0.0), at_speed(0.0))
     assert np.all(at(stop, np.linspace(0.0, stop.travel_time, 20)) == 0.0)
     assert standing_from(stop) == 0.0 and fits(stop)
 
@@ -64,7 +67,7 @@ def test_who_stands_goes_on_standing() -> None:
 def test_a_later_stop_keeps_the_deceleration_until_it_stands(spans: int) -> None:
     """A cruise of 20 s at 3 m/s in spans of 1 s: 1.5 s of braking, so 1 m/s is left after the first span."""
     cruise = Trajectory(straight(60.0, 3.0), np.zeros(20), 20.0)
-    stop = stop_after(cruise, spans, 2.0)
+    stop = EvenBraking(2.0).stop_after(cruise, spans)
     assert stop is not None
     expected = np.zeros(20)
     expected[spans : spans + 2] = [-2.0, -1.0]
@@ -79,13 +82,13 @@ def test_room_to_stop_is_the_gap_that_is_left() -> None:
     zones = ZoneBatch.of(sp.zones(scenario), FRAME, 0.3)
     cruise = Trajectory(straight(12.0, 3.0), np.zeros(20), 4.0)
     leads = np.array([1.7, 1.8, 1.9, 3.5])
-    room = room_to_stop(cruise, leads, 2.0, zones)
+    room = EvenBraking(2.0).room(cruise, leads, zones)
     gap = 9.0 - 0.8 - (3.0 * leads + 9.0 / 4.0)
     assert 0.0 < gap[2] < gap[0] < 1.0 and gap[3] < 0.0
     near = gap[:3] < 0.5  # farther ones need not be exact
     assert room[:3][near] == pytest.approx(gap[:3][near], abs=1e-9) and np.all(room[:3][~near] >= 0.5)
     assert room[3] == -np.inf
-    free = room_to_stop(cruise, leads, 2.0, zones.subset(np.zeros(0, dtype=np.intp)))
+    free = EvenBraking(2.0).room(cruise, leads, zones.subset(np.zeros(0, dtype=np.intp)))
     assert np.array_equal(free, [np.inf, np.inf, np.inf, -np.inf])
 
 
@@ -100,7 +103,7 @@ def test_a_straight_stop_goes_where_the_vehicle_heads() -> None:
 
 
 def test_stop_needs_spans_to_stop_in() -> None:
-    assert stop_after(Trajectory(straight(60.0, 3.0), np.zeros(20), 20.0), 19, 2.0) is None
+    assert EvenBraking(2.0).stop_after(Trajectory(straight(60.0, 3.0), np.zeros(20), 20.0), 19) is None
 
 
 def test_stop_of_a_plan_is_one() -> None:
