@@ -43,7 +43,7 @@ class ChangeHypotheses:
     spread: Array  # (K, 3, 3)
 
     def among(self, some: Index, count: int, least: float) -> ChangeHypotheses:
-        """Of ``count`` obstacles, of which these are some; none where it is not more probable than ``least``."""
+        """Hypotheses of ``count`` obstacles, of which these are some; none that is not more probable than ``least``."""
         likely = self.probability > least
         found = ChangeHypotheses(np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3)))
         for name, values in vars(self).items():

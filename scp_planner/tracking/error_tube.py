@@ -133,6 +133,7 @@ class TrackingTube:
         return self.standing + self.per_speed * pace + self.per_lateral * turn
 
     def inside(self, units: NaturalUnits) -> TrackingTube:
+        """Return the tube in the units of a scene."""
         return replace(
             self,
             standing=self.standing / units.length,

@@ -31,7 +31,6 @@ class MotionPolynomials:
     center: Array  # Coefficient of power k of the estimated centre
     covariance: Array  # Coefficient of power k of the entries xx, xy, yy of the covariance of the estimated centre
     center_error: float = 0.0  # Bound on the distance from `MotionEstimate.position`; 0 where the polynomials are exact
-    covariance_error: float = 0.0  # Bound on the relative excess over `MotionEstimate.covariance`
 
 
 class MotionEstimate(ABC):

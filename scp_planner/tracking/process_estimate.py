@@ -166,8 +166,7 @@ class Predictions:
         covariance_error = (missing / (0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))).max(axis=2)
         covariance = covariance * (1.0 + covariance_error.max(axis=1))[:, None, None, None]
         scales = widths[:, None, None] ** _EXPONENTS[:, None]
-        worst = center_error.max(axis=1).tolist(), (2.0 * covariance_error.max(axis=1)).tolist()
-        each = zip(center / scales, covariance / scales, *worst, strict=True)
+        each = zip(center / scales, covariance / scales, center_error.max(axis=1).tolist(), strict=True)
         too_far = (center_error > PIECES.center_tolerance) | (covariance_error > PIECES.covariance_tolerance)
         return [MotionPolynomials(leads, *one) for one in each], too_far
 

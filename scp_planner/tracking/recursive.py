@@ -64,7 +64,7 @@ class RecursiveEstimator:
         self.order = order
         self._varying = varying
         sigma = None if covariance is None else check_covariance(covariance, obstacles)
-        self._sigma = None if sigma is None else np.broadcast_to(sigma, (obstacles, 2, 2))
+        self._sigma = None if sigma is None else np.broadcast_to(sigma, (obstacles, 2, 2)).copy()
         p = order + 1
         # p unknowns with two right-hand sides, x and y; or 2 p unknowns that varying covariances tie together
         m, sides = (2 * p, 1) if varying else (p, 2)
@@ -100,7 +100,6 @@ class RecursiveEstimator:
         old = len(self._count)
         for name, value in vars(fresh).items():
             if isinstance(value, np.ndarray):
-                value = value.copy() if name == "_sigma" else value  # it is one for all
                 last = name in ("_factor", "_scatter", "_left", "_shrunk")
                 (value[..., :old] if last else value[:old])[...] = getattr(self, name)
                 setattr(self, name, value)
@@ -109,8 +108,6 @@ class RecursiveEstimator:
         """Change the known covariance (2, 2), m^2, of the observations of an obstacle."""
         if self._sigma is None:
             raise EstimationError("covariance: it is not known here")
-        if not self._sigma.flags.writeable:
-            self._sigma = self._sigma.copy()
         self._sigma[obstacle] = covariance
 
     def reset(self, obstacle: int = 0) -> None:
@@ -126,22 +123,22 @@ class RecursiveEstimator:
         positions: ArrayLike,
         covariance: ArrayLike | None = None,
         seen: ArrayLike | None = None,
-    ) -> Mask:
+    ) -> None:
         """Take in at most one observation of each obstacle."""
         count = len(self._count)
         t = np.broadcast_to(np.asarray(times, dtype=float), (count,))
         z = np.asarray(positions, dtype=float)
         if z.shape != (count, 2):
             raise EstimationError(f"positions: their shape is {z.shape}; must be ({count}, 2)")
-        used = self._usable(t, z, np.ones(count, dtype=bool) if seen is None else np.asarray(seen, dtype=bool))
+        used = np.ones(count, dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
+        self._refuse_odd(t, z, used)
         if self._varying is (covariance is None):
             raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
         sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
         some = np.flatnonzero(used)
         self.take_in(some, t[some], z[some], None if sigma is None else sigma[some])
-        return used
 
-    def _usable(self, times: Array, positions: Array, wanted: Mask) -> Mask:
+    def _refuse_odd(self, times: Array, positions: Array, wanted: Mask) -> None:
         """Refuse wanted observations that are not finite or came before."""
         odd = wanted & ~(np.isfinite(times) & np.isfinite(positions).all(axis=1))
         if odd.any():
@@ -152,7 +149,6 @@ class RecursiveEstimator:
         if again.any():
             k = int(np.argmax(again))
             raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
-        return wanted
 
     def take_in(self, some: Index, times: Array, positions: Array, sigma: Array | None = None) -> None:
         """Take in one observation each of some obstacles, which nothing is wrong with."""

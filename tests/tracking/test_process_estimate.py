@@ -208,9 +208,9 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
     assert (pieces.breakpoints[0], pieces.breakpoints[-1]) == (start, stop)
     assert np.all(np.diff(pieces.breakpoints) > 0)
     assert pieces.center_error <= PIECES.center_tolerance
-    assert pieces.covariance_error <= 2 * PIECES.covariance_tolerance
-    if kind.startswith("random_walk"):
-        assert (pieces.center_error, pieces.covariance_error) == (0.0, 0.0)
+    exact = kind.startswith("random_walk")
+    if exact:
+        assert pieces.center_error == 0.0
         assert len(pieces.center) == (1 if tails is None else 5)  # kinks of the inflation
     rounding = 1e-7  # of a clock of 1e9 s
     ends = []
@@ -224,7 +224,7 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
         given = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
         relative = np.linalg.eigvals(np.linalg.solve(true, given)).real
         assert relative.min() >= 1 - 100 * rounding
-        assert relative.max() <= 1 + pieces.covariance_error + 100 * rounding
+        assert relative.max() <= 1 + (0.0 if exact else 2 * PIECES.covariance_tolerance) + 100 * rounding
         ends.append((columns @ center)[[0, -1]])
     for before, after in pairwise(ends):
         assert before[1] == pytest.approx(after[0], abs=1e-6)  # no jumps
