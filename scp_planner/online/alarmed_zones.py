@@ -31,14 +31,11 @@ WEAVING = WeavingParameters()
 
 
 class Alarmed:
-    """Obstacles of one order that are alarmed."""
-
     def __init__(self, tracks: Sequence[ObstacleTrack], bank: Bank, deviation: float) -> None:
         self.tracks, self.bank, self.deviation = tracks, bank, deviation
         self.slots = slots_of(tracks)
 
     def zones(self, start: float, level: Level, sizing: Sizing | None = None) -> list[ThreatZone]:
-        """Their zones from a time on, s, in order."""
         weave = self.bank.weave(self.slots)
         if not weave.any():
             mixtures = self._mixture(self.bank.mixed(self.slots, self._at(start)), start)
@@ -89,7 +86,6 @@ class Alarmed:
         return filters.blended(where, changed.after(leads), np.tile(share, many))
 
     def _weaving(self, start: float, level: Level, sizing: Sizing | None) -> list[ThreatZone]:
-        """Zones of those that weave."""
         bank, count = self.bank, len(self.tracks)
         span = WEAVING.span * 2.0 * np.pi / float(bank.widening.swings.rates.max())
         leads = span * np.concatenate([WEAVING.early, np.arange(1.0, WEAVING.knots)])

@@ -124,7 +124,6 @@ def square_matrix(value: ArrayLike, size: int) -> Array:
 
 
 def repaired(matrix: Array, units: ArrayLike) -> Array:
-    """Covariance that is symmetric and positive definite."""
     kinds = np.repeat(np.asarray(units, dtype=float), 2)
     least, most = LEAST_DEVIATION * kinds, MOST_DEVIATION * kinds
     scale = np.maximum(_largest_of_kind(matrix), least)
@@ -162,7 +161,6 @@ def _definite(matrix: Array, scale: Array, least: Array) -> Array:
 
 
 def ground_given(call: str, given: Any, scenario: Scenario) -> Ground:
-    """Return ground, or a map of it, that is given for a scenario."""
     try:
         if scenario.corridor is not None:
             raise ScenarioError(call, [Fault("map", given, "must not be given beside a corridor")])
@@ -172,7 +170,6 @@ def ground_given(call: str, given: Any, scenario: Scenario) -> Ground:
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:
-    """True if it can set out in any direction, at a speed in units of the scene."""
     return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STOPS.standing)
 
 

@@ -59,7 +59,6 @@ class Arrival:
         return distance_outside(self.goal.region, place) <= self.tolerance
 
     def is_end_of(self, trip: Trip) -> bool:
-        """True if a trip ends within the tolerance of the goal."""
         end = trip.positions_at(np.array([trip.frame.time + trip.trajectory.travel_time]))
         ((x, y),) = trip.frame.to_world(end).tolist()
         if self.goal.region is None:
@@ -67,7 +66,6 @@ class Arrival:
         return distance_outside(self.goal.region, (x, y)) <= self.tolerance + abs(self._vehicle.centre)
 
     def is_as_asked(self, state: State) -> bool:
-        """True if speed and heading are those of the goal."""
         goal, heading = self.goal, state.heading
         low, high = goal.speed_range or (goal.speed, goal.speed)
         if low is not None and high is not None and not low - self.speed <= state.speed <= high + self.speed:

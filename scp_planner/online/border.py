@@ -81,7 +81,6 @@ class Border:
 
     @property
     def is_there(self) -> bool:
-        """True if the ground has a border."""
         return len(self.box.offsets) > 0 or self.cells is not None
 
     def room(self, position: Array) -> Array:

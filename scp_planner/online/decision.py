@@ -80,7 +80,6 @@ class Decision:
         self.arrival = means.arrival
 
     def answer(self, now: Replan) -> OnlinePlan:
-        """Give the plan of one replan."""
         self._fallback.be_patient(self._waiting.waited(now))
         plan = self._answer(now)
         if self._means.gives_way_late or plan.arrived or plan.outcome in AWAY:
@@ -287,7 +286,6 @@ class Decision:
         return self._means.vet(now, CandidateKind.IMPROVED, loop.problem, evaluation.trajectory, evaluation, steps)
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
-        """Improve what is left of the last trip in the problem of a loop."""
         most = self._means.online.iterations
         if now.last is not None and self._means.safety_gate.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on

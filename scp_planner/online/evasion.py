@@ -13,7 +13,7 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.occupancy import NAME as MAP
 from scp_planner.online.evasive_manoeuvres import BORDER, EvasiveManoeuvres
-from scp_planner.online.expected_harm import HARM, harms_of_manoeuvres, harms_of_trips
+from scp_planner.online.expected_harm import HARM, HarmModel
 from scp_planner.online.manoeuvre_courses import COURSES, GRADUAL, PROMPT, ManoeuvreProfiles, Profiles, RampedProfiles
 from scp_planner.online.manoeuvre_outlooks import ManoeuvreOutlooks, Outlook
 from scp_planner.online.means import Means, Replan
@@ -48,8 +48,6 @@ EVASION = EvasionParameters()
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A manoeuvre that was chosen."""
-
     trip: Trip
     certificate: Certificate  # Up to when it is over
     threat: str | None  # The obstacle in its way, or in that of what leads nearest to the goal
@@ -78,8 +76,6 @@ class _SeenEvasiveManoeuvres:
 
 
 class Evasion:
-    """Finds a way out of the way."""
-
     def __init__(self, means: Means) -> None:
         self._means = means
         self.outlooks = ManoeuvreOutlooks(means)
@@ -94,15 +90,12 @@ class Evasion:
     def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Manoeuvre | Stop:
         """Return what does least harm where nothing is safe: a manoeuvre, or one of some other trips and stops."""
         view = self._with_time_for_harm(now)
-        moment, confidence = now.moment, self._means.given.confidence
-        times, standing = view.manoeuvres.times, HARM.standing
-        if not self._means.gives_way_late:
-            standing = HARM.creeping
+        moment, standing = now.moment, HARM.standing if self._means.gives_way_late else HARM.creeping
         goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
         soon = self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
-        border = self.outlooks.border(moment)
-        trips = harms_of_trips(moment, [each.trip for each in others], times, border, confidence, standing, soon)
-        manoeuvres = harms_of_manoeuvres(moment, view.manoeuvres, border, confidence, standing, soon)
+        model = HarmModel(moment, self.outlooks.border(moment), self._means.given.confidence, standing, soon)
+        trips = model.of_trips([each.trip for each in others], view.manoeuvres.times)
+        manoeuvres = model.of_manoeuvres(view.manoeuvres)
         least = min(trips.impact.min(initial=np.inf), manoeuvres.impact.min())
         braking = min(float(manoeuvres.impact[0]), trips.impact[goes_on:].min(initial=np.inf))
         harms, of_manoeuvres = (each.no_harder_than(least, braking) for each in (trips, manoeuvres))
@@ -131,7 +124,6 @@ class Evasion:
         return self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number]))
 
     def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
-        """Return a stop that is being driven as a manoeuvre."""
         return self._gone_on_with(now, self._seen_of(now, stop), stop)
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:

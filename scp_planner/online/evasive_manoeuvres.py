@@ -222,7 +222,6 @@ class EvasiveManoeuvres(Driven):
         return EvasiveManoeuvres.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
-        """Return a manoeuvre as a trip, from the planning frame that they are in."""
         for family in self.families:
             if number < family.size:
                 return family.trip(number, frame)

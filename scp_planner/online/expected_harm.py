@@ -17,7 +17,7 @@ from scp_planner.online.manoeuvre_outlooks import WORTH, a_moment
 from scp_planner.online.safety_gate import Moment
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LENGTH
-from scp_planner.scenario.models import Confidence, Vehicle
+from scp_planner.scenario.models import Confidence
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.tracking.confidence import marginal_scale
 from scp_planner.trips.trip import Trip
@@ -47,12 +47,10 @@ HARM = HarmParameters()
 
 @dataclass(frozen=True)
 class Harms:
-    """Harm to be expected of n trips, between 0 and 1, and the highest speed at which each drives in contact, m/s.
+    """Harm of n trips."""
 
-    That is with obstacles where they are expected, within the time in which the vehicle can stop.
-    """
-
-    expected: Array
+    expected: Array  # Between 0 and 1
+    # m/s: highest speeds in contact with obstacles where they are expected, in the time in which the vehicle can stop
     impact: Array
 
     def no_harder_than(self, least: float, braking: float) -> Array:
@@ -61,56 +59,64 @@ class Harms:
         return np.where(self.impact <= (1.0 + HARM.alike) * most, self.expected, np.inf)
 
 
-def harms_of_manoeuvres(
-    moment: Moment, manoeuvres: EvasiveManoeuvres, border: Border, confidence: Confidence, standing: float, soon: float
-) -> Harms:
-    """Return the harm to be expected of manoeuvres, (C,)."""
-    vehicle = moment.scenario.vehicle
-    whole = _grown(moment.batch, vehicle)
-    near, harms = manoeuvres.within_reach(whole, vehicle), []
-    weights = _weights(manoeuvres.times, manoeuvres.position, vehicle, standing, soon)
-    scale = _deviations(confidence, whole)
-    for some in in_parts(
-        max(len(near), 1), manoeuvres.heading.size
-    ):  # the border is one more, also where no zone is near
-        each, less = manoeuvres.rooms(whole, border, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
-        harms.append(_harms(each.each, less.each, scale, weights))
-    spared = np.prod([1.0 - each.expected for each in harms], axis=0)
-    return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
+@dataclass(frozen=True)
+class HarmModel:
+    """Harm that is to be expected at a moment."""
 
+    moment: Moment
+    border: Border
+    confidence: Confidence
+    standing: float  # Cost of a contact while the vehicle stands
+    soon: float  # Time in which the vehicle can stop, s
 
-def harms_of_trips(
-    moment: Moment,
-    trips: Sequence[Trip],
-    times: Array,
-    border: Border,
-    confidence: Confidence,
-    standing: float,
-    soon: float,
-) -> Harms:
-    """Return the same of trips that are being driven, or stops, (n,)."""
-    if not trips:
-        return Harms(np.zeros(0), np.zeros(0))
-    vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
-    for trip, put in zip(trips, place, strict=True):
-        put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
-    clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), WORTH.exact_widths * 2.0 * vehicle.radius
-    zones = (_grown(one.batch, vehicle) for one in (moment, moment.with_smaller_zones(HARM.part)))
-    away = (each.distances(clock, points, exact).T.reshape(-1, *place.shape[:2]) for each in zones)
-    edge = np.minimum(border.room(place), exact)[None]
-    whole, less = (np.concatenate([each, edge]) for each in away)
-    weights = _weights(times, place, vehicle, standing, soon)
-    return _harms(whole, less, _deviations(confidence, moment.batch), weights)
+    def of_manoeuvres(self, manoeuvres: EvasiveManoeuvres) -> Harms:
+        """Harm to be expected of manoeuvres, (C,)."""
+        vehicle, whole = self.moment.scenario.vehicle, self._grown(self.moment.batch)
+        near, harms = manoeuvres.within_reach(whole, vehicle), []
+        weights, scale = self._weights(manoeuvres.times, manoeuvres.position), self._deviations
+        # the border is one more, also where no zone is near
+        for some in in_parts(max(len(near), 1), manoeuvres.heading.size):
+            each, less = manoeuvres.rooms(whole, self.border, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
+            harms.append(_harms(each.each, less.each, scale, weights))
+        spared = np.prod([1.0 - each.expected for each in harms], axis=0)
+        return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
 
+    def of_trips(self, trips: Sequence[Trip], times: Array) -> Harms:
+        """Harm to be expected of trips that are being driven, or stops, (n,)."""
+        if not trips:
+            return Harms(np.zeros(0), np.zeros(0))
+        moment, place = self.moment, np.empty((len(trips), len(times), 2))
+        for trip, put in zip(trips, place, strict=True):
+            put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
+        clock, points = np.tile(times, len(trips)), place.reshape(-1, 2)
+        exact = WORTH.exact_widths * 2.0 * moment.scenario.vehicle.radius
+        zones = (self._grown(one.batch) for one in (moment, moment.with_smaller_zones(HARM.part)))
+        away = (each.distances(clock, points, exact).T.reshape(-1, *place.shape[:2]) for each in zones)
+        edge = np.minimum(self.border.room(place), exact)[None]
+        whole, less = (np.concatenate([each, edge]) for each in away)
+        return _harms(whole, less, self._deviations, self._weights(times, place))
 
-def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
-    """Zones that grow for the same while, whatever the vehicle does."""
-    return foreseen(batch, HARM.growing * a_moment(vehicle), {})
+    def _grown(self, batch: ZoneBatch) -> ZoneBatch:
+        """Zones that grow for the same while, whatever the vehicle does."""
+        return foreseen(batch, HARM.growing * a_moment(self.moment.scenario.vehicle), {})
 
+    @property
+    def _deviations(self) -> float:
+        """Standard deviations that zones are large."""
+        level, uncertain = str(self.confidence.level), max(len(self.moment.batch.uncertain), 1)
+        return math.sqrt(marginal_scale(level, self.confidence.probability, 1, uncertain))
 
-def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
-    uncertain = max(len(batch.uncertain), 1)
-    return math.sqrt(marginal_scale(str(confidence.level), confidence.probability, 1, uncertain))
+    def _weights(self, times: Array, place: Array) -> _Weights:
+        vehicle, speed = self.moment.scenario.vehicle, np.zeros(place.shape[:2])
+        speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
+        drives = HARM.creeping + (1.0 - HARM.creeping) * np.minimum(speed / vehicle.max_speed, 1.0)
+        moves = speed > STOPS.standing
+        counts = np.where(moves, drives, self.standing)
+        fading = 1.0 / (1.0 + WORTH.fading * times / a_moment(vehicle))  # there will be replans until then
+        sets_off = np.where(moves[:, 0], HARM.setting_off * (HARM.creeping - self.standing), 0.0)
+        driven = speed[:, :-1] * np.diff(times)
+        speed = np.where((times <= max(self.soon, times[1])) & moves, speed, 0.0)
+        return _Weights(counts, fading, sets_off, driven, speed[:, :-1])
 
 
 @dataclass(frozen=True)
@@ -120,18 +126,6 @@ class _Weights:
     sets_off: Array  # (C,)
     driven: Array  # (C, J - 1) m, from each sample to the next
     speed: Array  # (C, J - 1) m/s, up to each sample but the first; 0 of those after the vehicle may have stopped
-
-
-def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float, soon: float) -> _Weights:
-    speed = np.zeros(place.shape[:2])
-    speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
-    drives = HARM.creeping + (1.0 - HARM.creeping) * np.minimum(speed / vehicle.max_speed, 1.0)
-    counts: Array = np.where(speed > STOPS.standing, drives, standing)
-    fading: Array = 1.0 / (1.0 + WORTH.fading * times / a_moment(vehicle))  # there will be replans until then
-    sets_off: Array = np.where(speed[:, 0] > STOPS.standing, HARM.setting_off * (HARM.creeping - standing), 0.0)
-    driven = speed[:, :-1] * np.diff(times)
-    speed = np.where((times <= max(soon, times[1])) & (speed > STOPS.standing), speed, 0.0)
-    return _Weights(counts, fading, sets_off, driven, speed[:, :-1])
 
 
 def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
@@ -154,5 +148,5 @@ def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
     harm[zone, manoeuvre] = touched[zone, manoeuvre].sum(axis=1) / weights.fading.sum() + weights.sets_off[manoeuvre]
     # To leave what touches it is no impact, to scrape along it is.
     hits = (gap[..., 1:] < np.minimum(gap[..., :-1] + HARM.leaving * weights.driven, 0.0)).any(axis=0)
-    impact: Array = (weights.speed * hits).max(axis=1)
+    impact = (weights.speed * hits).max(axis=1)
     return Harms(1.0 - np.prod(1.0 - np.minimum(harm, 1.0), axis=0), impact)

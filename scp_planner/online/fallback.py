@@ -42,7 +42,6 @@ class Fallback:
         self._whom: str | None = None  # for which obstacle the last evasive manoeuvre was
 
     def be_patient(self, waited: float) -> None:
-        """Say for how long the vehicle has come no nearer to its goal, s."""
         self._evasion.outlooks.be_patient(waited)
 
     def fall_back(self, now: Replan, fresh: Renewal, last: OnlinePlan | None, refusal: Refusal) -> OnlinePlan:

@@ -28,7 +28,6 @@ class Deviation:
 
     @classmethod
     def of(cls, state: State, trip: Trip, vehicle: Vehicle) -> Deviation:
-        """Compare a state with a trip at its time, clamped to the trip."""
         points, _ = trip.at(np.array([state.time]))
         (place,) = trip.frame.to_world(points.path.position).tolist()
         heading = 0.0
@@ -72,7 +71,6 @@ class Following:
         return min(self.vehicle.max_speed, TOP_SPEED)
 
     def allows(self, off: Deviation) -> bool:
-        """True if the vehicle is within its tolerances."""
         # A stop at once from the reported state ends within d + T dv + V T dh / 2 of the plan's own stop: d is the
         # distance, dv and dh are the differences of speed and heading, T is the time of a stop from the top speed V.
         # A tolerance that the follower states replaces its term.

@@ -158,7 +158,6 @@ class Stamps:
         return found
 
     def forget(self, name: str) -> None:
-        """Drop what is known of the stamps of an obstacle."""
         self._leads.pop(name, None)
 
 
@@ -182,7 +181,6 @@ class Inbox:
         self.work = Lock()
 
     def __bool__(self) -> bool:
-        """True if there is anything in it."""
         return bool(self._queue)
 
     def put(self, one: Stamped | Forecast) -> None:

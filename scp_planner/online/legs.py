@@ -74,12 +74,10 @@ class LegsAhead:
 
     @property
     def onward(self) -> bool:
-        """True if another leg follows that under way."""
         return len(self.legs) > 1
 
     @property
     def scene(self) -> Scenario:
-        """The scenario of the leg under way."""
         scene = self.asked
         if self.legs:
             trip = self.legs[0].trip
@@ -270,7 +268,6 @@ class LegsAhead:
 
 
 def _at(trip: Trip, time: float) -> Trip:
-    """Return a trip that begins at another time, s."""
     return Trip(replace(trip.frame, time=time), trip.trajectory)
 
 
@@ -279,7 +276,6 @@ def _end(leg: Leg) -> Stand:
 
 
 def _zones(now: Moment, means: Means) -> list[ThreatZone]:
-    """Return the zones of a moment, as they are foreseen."""
     frame, found = PlanningFrame((0.0, 0.0), 0.0, 0.0), list[ThreatZone]()
     for zone in now.zones:
         if zone.covariances is not None:

@@ -75,7 +75,6 @@ class Look:
 
     @property
     def over(self) -> bool:
-        """True if the last way has been tried."""
         return self.trip is None and self.searching is None and self.runs <= 0
 
     def begin_next(self, until: float) -> bool:
@@ -110,7 +109,6 @@ class Looks:
 
     @property
     def under_way(self) -> bool:
-        """True if there is a way that is being tried."""
         return self._look is not None and self._look.trip is not None
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:

@@ -214,7 +214,6 @@ class Courses:
         return np.cos(self.bend.end * self.turn), np.sin(self.bend.end * self.turn)
 
     def along(self, lead: Array, length: Array, distance: Array) -> tuple[Array, Array]:
-        """Places and headings."""
         if not self.turn.any():
             heading = np.broadcast_to(self.base[:, None, None], (len(self.base), *distance.shape))
             ahead = unit_vectors(self.base)

@@ -75,8 +75,6 @@ class Outlook:
 
 
 class ManoeuvreOutlooks:
-    """Looks at manoeuvres among the zones of a moment."""
-
     def __init__(self, means: Means) -> None:
         self._means = means
         self._patience = 1.0
@@ -247,7 +245,6 @@ class ManoeuvreOutlooks:
         return spare[:, None]
 
     def border(self, moment: Moment) -> Border:
-        """Return the border of the ground in the planning frame of a moment."""
         ground, cells = moment.scenario.ground, None
         if ground is not None:
             place, reach = np.array(moment.state.position), self._sight(moment)

@@ -33,7 +33,6 @@ class TrackKind(Enum):
 
 
 def track_kind(track: ObstacleTrack, headings: bool) -> TrackKind | None:
-    """Return how the zone of a track is made together with others."""
     if track.fixed is not None or track.estimator is None or not track.simple:
         return None
     if track.alarmed:
@@ -56,7 +55,6 @@ class SortedTracks:
 
     @classmethod
     def of(cls, tracks: Iterable[ObstacleTrack]) -> SortedTracks:
-        """Sort tracks; those that have not been seen are left out."""
         every = [track for track in tracks if track.seen]
         turning = sum(track.fixed is None and track.body.turning is not None for track in every)
         headings = turning <= TRACKS.most_turning
@@ -77,8 +75,6 @@ def learns(track: ObstacleTrack) -> bool:
 
 @dataclass(frozen=True)
 class Level:
-    """The level of confidence that zones are made for."""
-
     confidence: Confidence
     estimated: int
 

@@ -25,14 +25,7 @@ from scp_planner.online.many_zones import (
     newcomers_together,
 )
 from scp_planner.online.regions import RegionSizes
-from scp_planner.online.track import (
-    TRACKS,
-    GivenZones,
-    ObstacleTrack,
-    Seen,
-    prior_of,
-    slots_of,
-)
+from scp_planner.online.track import TRACKS, GivenZones, ObstacleTrack, Seen, prior_of, slots_of
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
 from scp_planner.scenario.motions import Course, GivenMotion
@@ -69,10 +62,7 @@ class ObstacleTracks:
     """The obstacles that a planner knows of, in the natural units of its scene."""
 
     def __init__(
-        self,
-        confidence: Confidence,
-        margin: float = 0.0,
-        settings: SceneOnlineSettings | None = None,
+        self, confidence: Confidence, margin: float = 0.0, settings: SceneOnlineSettings | None = None
     ) -> None:
         self.confidence = confidence
         self.margin = margin
@@ -155,7 +145,6 @@ class ObstacleTracks:
             track.history = [one for k, one in enumerate(track.history) if k not in left_out]
 
     def _make(self, track: ObstacleTrack) -> TrackEstimator:
-        """Make the estimator of a track."""
         process, covariance = track.model.process, track.covariance
         if process is not None:
             return ProcessTrack(process)
@@ -193,7 +182,6 @@ class ObstacleTracks:
         self.tracks[name] = track
 
     def remove(self, name: str) -> None:
-        """Forget an obstacle."""
         self._ready = None
         track = self.tracks.pop(name)
         if self.sizes is not None:
@@ -216,7 +204,6 @@ class ObstacleTracks:
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
     ) -> str | None:
-        """Take in one observation."""
         self._ready, track, one = None, self.tracks[name], Seen(time, position, covariance)
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known

@@ -47,9 +47,6 @@ SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100,
 """Default settings of plans in the loop, where there is no time to make up for small violations between samples."""
 
 
-"""Fields of a scenario that are its ground."""
-
-
 class Planner(Changeable):
     """A planner that is called again and again while the vehicle drives.
 
@@ -135,7 +132,6 @@ class Planner(Changeable):
         self._overrun = 0.0  # s that replans take beyond where they are to end
 
     def _take_up(self, scenario: Scenario, solver: QpSolver) -> None:
-        """Plan for a scenario from the next replan on, in units of the scene."""
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         passed = [
@@ -205,7 +201,6 @@ class Planner(Changeable):
         return changed(made, corridor=None, guide=guide, ground=self._asked.ground)
 
     def _left(self, state: State) -> Scenario:
-        """Return what is left of the scenario at a state, without obstacles."""
         if self._legs is None:
             return self._means.scenario_at(state)
         bounds = self._means.scenario_at(state).bounds

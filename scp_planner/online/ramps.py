@@ -23,7 +23,6 @@ class Ramps:
     def between(
         cls, speed: Array, acceleration: Array, wanted: Array, rise: float, fall: float, jerk: float | Array
     ) -> Ramps:
-        """Return the fastest changes of speed."""
         left = speed + acceleration * np.abs(acceleration) / (2.0 * jerk)
         sign = np.where(wanted >= left, 1.0, -1.0)
         begun = sign * acceleration
@@ -42,7 +41,6 @@ class Ramps:
 
     @classmethod
     def stopping(cls, speed: Array, acceleration: Array, deceleration: float, jerk: float) -> Ramps:
-        """Return the fastest stops."""
         still = (speed <= SPEED) & (acceleration <= 0.0)
         speed, acceleration = np.where(still, 0.0, speed), np.where(still, 0.0, acceleration)
         braking = np.minimum(acceleration, 0.0)

@@ -28,7 +28,6 @@ class TripSamples:
 
     @classmethod
     def of(cls, trip: Trip, sigma: Array) -> TripSamples:
-        """Return those of a trip at normalised times, (n,)."""
         trajectory = trip.trajectory
         parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
         return cls(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)

@@ -86,7 +86,6 @@ class Moment:
         return {}
 
     def batch_in(self, frame: PlanningFrame) -> ZoneBatch:
-        """The zones in a frame, inflated by the vehicle."""
         batch = self._batches.get(frame)
         if batch is None:
             if self.whole is None:
@@ -124,7 +123,6 @@ class Moment:
         ends: Ends = Ends.BOTH,
         motions: Motions | None = None,
     ) -> Certificate:
-        """Certify a trip; see `certify_trip`."""
         scenario = self.scenario
         if self.moving is not None:
             arrival = trip.frame.time + trip.trajectory.travel_time
@@ -189,7 +187,6 @@ class Vetted:
 
     @property
     def certified(self) -> bool:
-        """True if the trip is certified to the goal."""
         return self.stop is None and self.certificate.holds
 
     @property
@@ -219,8 +216,6 @@ class _Tried:
 
 
 class SafetyGate:
-    """Decides what may be driven."""
-
     def __init__(
         self,
         period: float,

@@ -106,8 +106,6 @@ class Braking(ABC):
 
 @dataclass(frozen=True)
 class EvenBraking(Braking):
-    """At once, and evenly."""
-
     def time(self, speed: float) -> float:
         return speed / self.deceleration
 
@@ -150,7 +148,6 @@ class RampedBraking(Braking):
         return STOPS.spare * float(self._from(state).way[0])
 
     def stop_after(self, trajectory: Trajectory, spans: int) -> Trajectory:
-        """As of all, with breakpoints of its own from where it leaves the trip."""
         breaks = trajectory.space.acceleration.breakpoints[: spans + 1]
         drive = trajectory.drive_at(breaks)
         ramps = self._ramps(np.maximum(drive.speed[-1:], 0.0), drive.acceleration[-1:])

@@ -67,8 +67,6 @@ def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One observation."""
-
     time: float  # s
     position: tuple[float, float]  # m
     covariance: Array | None = None  # (2, 2) m^2; None: that of the obstacle's others
@@ -80,8 +78,6 @@ EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]
 
 @dataclass(slots=True)
 class ObstacleTrack:
-    """One obstacle, and all that was seen of it."""
-
     id: str
     shape: Shape  # As in the scenario; ``margin`` holds the planner's margin too
     model: Model  # As in the scenario; ``margin`` holds the planner's margin too
@@ -112,17 +108,14 @@ class ObstacleTrack:
 
     @property
     def times(self) -> list[float]:
-        """Times of all observations, s."""
         return [one.time for one in self.history]
 
     @property
     def oldest(self) -> float:
-        """Time of the oldest observation, s."""
         return self.history[0].time if self.history else math.inf
 
     @property
     def newest(self) -> float:
-        """Time of the newest observation, s."""
         return self.history[-1].time if self.history else -math.inf
 
     @property
@@ -267,7 +260,6 @@ class ObstacleTrack:
         self.learn_anew(newest)
 
     def came_already(self, one: Seen) -> bool:
-        """True if an observation has come before."""
         same = slice(bisect_left(self.history, one.time, key=_time), bisect(self.history, one.time, key=_time))
         known = (*self.history[same], *self.suspects)
         return any((one.time, one.position) == (other.time, other.position) for other in known)
@@ -287,7 +279,6 @@ class ObstacleTrack:
         return self.predicted.exceedance(one.time, one.position, noise) < least
 
     def estimate(self) -> MotionEstimate:
-        """Give what is known of its motion."""
         if self.given is not None:
             return tracked_motion(self.given, self.model)
         assert self.estimator is not None, "it has been seen"
@@ -306,7 +297,6 @@ class ObstacleTrack:
         return None if self.settled else prior_of(self.newcomers, self.model.order)
 
     def remember(self, seen: Observations) -> None:
-        """Put down the observations of a scenario."""
         each: Sequence[Array | None] = [None] * len(seen.time)
         if seen.covariance is not None:
             given = np.array(seen.covariance)
@@ -322,5 +312,4 @@ _time = attrgetter("time")
 
 
 def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
-    """Slots of tracks that are in a bank."""
     return np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)

@@ -50,6 +50,7 @@ class Dynamics(ABC):
         return state[2] if self.order == 2 else np.zeros_like(state[0])
 
 
+@dataclass(frozen=True)
 class Integrator(Dynamics):
     """White noise integrated d times; states: x and its derivatives."""
 
@@ -78,7 +79,6 @@ class Integrator(Dynamics):
 class RandomWalk(Integrator):
     """Acceleration is white noise of intensity ``diffusion``, m^2/s^3."""
 
-    diffusion: float
     states = 2
     order = 1
 
@@ -90,7 +90,6 @@ class RandomWalk(Integrator):
 class WhiteJerk(Integrator):
     """Jerk is white noise of intensity ``diffusion``, m^2/s^5."""
 
-    diffusion: float
     acceleration_deviation: float  # before anything was seen, m/s^2
     states = 3
     order = 2

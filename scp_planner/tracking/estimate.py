@@ -14,9 +14,13 @@ from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import estimate_processes
-from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
+from scp_planner.tracking.maximum_likelihood import (
+    CheckedObservations,
+    MotionPrior,
+    check_observations,
+    estimate_motion,
+)
 from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.tracking.observations import CheckedObservations, check_observations
 from scp_planner.tracking.process_estimate import ProcessEstimate, predicted_together
 
 if TYPE_CHECKING:

@@ -66,6 +66,13 @@ class SlotStates(ABC):
         part.predict(lag, unit)
         return part
 
+    def take_in(self, slots: Index, lag: Array, unit: Array, positions: Array, noise: float) -> tuple[Array, Array]:
+        """Update those of some obstacles after lags (n,)."""
+        part = self.predicted(slots, lag, unit)
+        found = part.update(positions, noise)
+        self.put(slots, part)
+        return found
+
     def grow(self, size: int) -> None:
         more = size - self.mean.shape[-1]
         self.mean, self.spread = (

@@ -161,11 +161,7 @@ class PolynomialMotions:
 
     @classmethod
     def of(
-        cls,
-        roots: SquareRoots,
-        sigma: Array,
-        manoeuvre: float = 0.0,
-        change_hypotheses: ChangeHypotheses | None = None,
+        cls, roots: SquareRoots, sigma: Array, manoeuvre: float = 0.0, change_hypotheses: ChangeHypotheses | None = None
     ) -> PolynomialMotions:
         """Return motions of one order, as they are estimated from observations with covariances (K, 2, 2), m^2."""
         inverse = np.linalg.inv(roots.factor)

@@ -13,7 +13,7 @@ from scp_planner.arrays import Array, Index, kronecker
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import Dynamics, dynamics_of
-from scp_planner.tracking.observations import CheckedObservations, check_observations
+from scp_planner.tracking.maximum_likelihood import CheckedObservations, check_observations
 from scp_planner.tracking.process_estimate import ProcessEstimate
 
 

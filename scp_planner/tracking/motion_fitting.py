@@ -236,9 +236,7 @@ def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
     degrees = _common_degrees(quantiles)
     inflations = quantiles[:, FIT.matched] / _student_quantiles(degrees)[FIT.matched]
     return Tails(
-        degrees_of_freedom=degrees,
-        lead_time=tuple(e.lead_time for e in usable),
-        inflation=tuple(inflations.tolist()),
+        degrees_of_freedom=degrees, lead_time=tuple(e.lead_time for e in usable), inflation=tuple(inflations.tolist())
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask, Single
 from scp_planner.settings.online import RARE
-from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SlotStates, SwingStates
+from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
 from scp_planner.tracking.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.tracking.tolerances import PROBABILITY
@@ -132,8 +132,8 @@ class Bank:
         walks, swings = slice(1, 1 + self._walks), slice(1 + self._walks, None)
         for states, which, some in ((self.states, walks, old), (self.swings, swings, self.alarmed[slots])):
             if some.any():
-                found = self._filter(states, slots[some], lag[some], positions[some])
-                evidence[which, some], innovations[:, which, some] = found
+                seen = states.take_in(slots[some], lag[some], self._least[slots[some]], positions[some].T, self.noise)
+                evidence[which, some], innovations[:, which, some] = self._judged(slots[some], *seen)
         self.last[slots] = times
         looks = np.stack([times, *positions.T])
         rings = (self._looks, looks), (self._innovations, innovations), (self._cut, cut(innovations))
@@ -198,13 +198,6 @@ class Bank:
         part.spread[0] = self.noise
         part.spread[3], part.spread[5] = self.widening.priors.T[:, :, None] / self._least[slots]
         self.states.put(slots, part)
-
-    def _filter(self, states: SlotStates, slots: Index, lag: Array, positions: Array) -> tuple[Array, Array]:
-        """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
-        part = states.predicted(slots, lag, self._least[slots])
-        innovation, variance = part.update(positions.T, self.noise)
-        states.put(slots, part)
-        return self._judged(slots, innovation, variance)
 
     def _judged(self, slots: Index, innovation: Array, variance: Array) -> tuple[Array, Array]:
         """Log densities (M, ..., n), but for a constant, of innovations (2, M, ..., n), m, and these in sigmas."""
@@ -275,7 +268,8 @@ class Bank:
 
     def _weigh(self, slots: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        holds = self._hold(slots)
+        _, worst = tested(self._newest(self._cut[:, 1:], slots), self.alarm_probability)
+        holds = worst.max(axis=-2) <= 1.0  # each filter's own windows are not improbable, (M, n)
         holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
         self._since[slots] += 1
         evidence = self._evidence[..., _run(slots)].sum(axis=-2)
@@ -289,11 +283,6 @@ class Bank:
         self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
         false = calm & (self._since[slots] >= _KEPT) & (evidence[0] > most + NOTICING.calm)
         self.alarmed[slots[false]] = False
-
-    def _hold(self, slots: Index) -> Mask:
-        """True if each filter's own windows are not improbable, (M, n)."""
-        _, worst = tested(self._newest(self._cut[:, 1:], slots), self.alarm_probability)
-        return np.asarray(worst.max(axis=-2) <= 1.0)
 
     def weave(self, slots: Index) -> Mask:
         """True if those that weave count among the filters of some obstacles, (n,)."""

@@ -17,11 +17,11 @@ from scp_planner.tracking.maximum_likelihood import (
     Extent,
     MotionPrior,
     Noise,
+    check_covariance,
     estimated_noise,
     prior_rows,
 )
 from scp_planner.tracking.motion_estimate import PolynomialEstimate, shift_powers
-from scp_planner.tracking.observations import check_covariance
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,7 @@ class RecursiveEstimator:
     least_deviation: float = 0.0  # Of a noise that is estimated, besides those of `estimated_noise`, m
 
     def __init__(
-        self,
-        obstacles: int = 1,
-        order: int = 2,
-        covariance: ArrayLike | None = None,
-        *,
-        varying: bool = False,
+        self, obstacles: int = 1, order: int = 2, covariance: ArrayLike | None = None, *, varying: bool = False
     ) -> None:
         if order not in range(HIGHEST_ORDER + 1):
             raise EstimationError(f"order: {order!r} is not 0, 1 or 2")
@@ -118,11 +113,7 @@ class RecursiveEstimator:
         self._newest[obstacle] = math.nan
 
     def update(
-        self,
-        times: ArrayLike,
-        positions: ArrayLike,
-        covariance: ArrayLike | None = None,
-        seen: ArrayLike | None = None,
+        self, times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None = None, seen: ArrayLike | None = None
     ) -> None:
         """Take in at most one observation of each obstacle."""
         count = len(self._count)
@@ -288,7 +279,11 @@ class Primed:
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         seen = kronecker(roots.factor, whiten)
         target = (roots.right @ whiten.transpose(0, 2, 1)).reshape(count, 2 * p)
-        added, means = _at_last(prior, roots.last - roots.center, p)
+        at_center, after = prior_rows(prior, 0.0, 1.0, p), prior_rows(prior, 1.0, 1.0, p)
+        assert at_center is not None and after is not None, "it tells something"
+        # as observations when each was seen last: rows are linear in that time
+        added = at_center[0] + (roots.last - roots.center)[:, None, None] * (after[0] - at_center[0])
+        means = at_center[1]
         design = np.concatenate([seen, added], axis=1)
         q, r = np.linalg.qr(design)
         sizes = np.linalg.norm(design, axis=1)
@@ -298,13 +293,6 @@ class Primed:
         coefficients = inverse @ (q[some].transpose(0, 2, 1) @ sides)
         covariance = inverse @ inverse.transpose(0, 2, 1)
         return cls(some, coefficients.reshape(-1, p, 2), covariance.reshape(-1, p, 2, p, 2))
-
-
-def _at_last(prior: MotionPrior, last: Array, p: int) -> tuple[Array, Array]:
-    """The prior at times ``last`` (K,) as rows (K, q, 2 p) and what they come to, (q,): rows are linear in the time."""
-    at_center, after = prior_rows(prior, 0.0, 1.0, p), prior_rows(prior, 1.0, 1.0, p)
-    assert at_center is not None and after is not None, "it tells something"
-    return at_center[0] + last[:, None, None] * (after[0] - at_center[0]), at_center[1]
 
 
 def _determined(r: Array, sizes: Array, rows: int) -> Array:

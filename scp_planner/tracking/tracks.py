@@ -355,10 +355,7 @@ def _csv_format(path: Path, header: str, columns: set[str]) -> _Format:
 
 
 def _rows(
-    numbered: Iterator[tuple[int, Mapping[str, str | None]]],
-    form: _Format,
-    faults: list[Fault],
-    single: str = "",
+    numbered: Iterator[tuple[int, Mapping[str, str | None]]], form: _Format, faults: list[Fault], single: str = ""
 ) -> Iterator[_TrackPoint]:
     for number, fields in numbered:
         values = []

@@ -18,8 +18,8 @@ from scp_planner.tracking.confidence import NormalErrors, StudentErrors, region_
 from scp_planner.tracking.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.tracking.estimate import estimate_obstacle, estimate_obstacles
 from scp_planner.tracking.kalman import estimate_process, estimate_processes
+from scp_planner.tracking.maximum_likelihood import check_observations
 from scp_planner.tracking.motion_fitting import log_likelihood
-from scp_planner.tracking.observations import check_observations
 from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate
 from scp_planner.tracking.tracks import Track, Tracks
 

@@ -15,8 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.estimate import tracked_motion
 from scp_planner.tracking.kalman import estimate_process, estimate_processes
-from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.observations import check_observations
+from scp_planner.tracking.maximum_likelihood import check_observations, estimate_motion
 
 pytestmark = pytest.mark.numerics
 
