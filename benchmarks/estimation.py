@@ -27,10 +27,10 @@ from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
-from scp_planner.tracking.confidence import region_scale
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import estimate_process, first_state, update_state
 from scp_planner.tracking.maximum_likelihood import estimate_motion
+from scp_planner.tracking.motion_estimate import region_scale
 from scp_planner.tracking.recursive import RecursiveEstimator
 
 OBSTACLES = (1, 60, 200, 1000)

@@ -76,8 +76,8 @@ def _regions(scenario: scp_planner.Scenario, until: float) -> dict[str, float]:
 
     The planner's regions hold for longer than the trip, and so are no smaller than these.
     """
-    from scp_planner.tracking.confidence import region_scale
     from scp_planner.tracking.estimate import estimate_obstacle
+    from scp_planner.tracking.motion_estimate import region_scale
 
     observed = [obstacle for obstacle in scenario.obstacles if obstacle.observations is not None]
     return {

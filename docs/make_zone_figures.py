@@ -19,10 +19,10 @@ from scp_planner.plotting.style import COLOURS, GREY, INK, save, style
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.studies.coverage import measure_coverage, plot_coverage
 from scp_planner.studies.recorded import RecordedCoverage, measure_recorded_coverage
-from scp_planner.tracking.confidence import LEVELS, region_scale
+from scp_planner.tracking.confidence import LEVELS
 from scp_planner.tracking.kalman import estimate_process
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
-from scp_planner.tracking.motion_estimate import MotionEstimate
+from scp_planner.tracking.motion_estimate import MotionEstimate, region_scale
 from scp_planner.tracking.tracks import Tracks
 
 if TYPE_CHECKING:

@@ -16,8 +16,9 @@ from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import Course, Futures, is_uncertain
 from scp_planner.threat_zones.of_scenario import given_zones
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.confidence import alpha_of_one, marginal_scale, region_scale
+from scp_planner.tracking.confidence import alpha_of_one, marginal_scale
 from scp_planner.tracking.estimate import estimate_obstacle
+from scp_planner.tracking.motion_estimate import region_scale
 from verification.dense_check import check_trip
 from verification.findings import Tolerances
 

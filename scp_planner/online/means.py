@@ -129,7 +129,7 @@ class Means:
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
-        self.safety_gate = SafetyGate(period, online.safety is Safety.STOP, following, units, self.wait)
+        self.safety_gate = SafetyGate(period, online.safety is Safety.STOP, following, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)

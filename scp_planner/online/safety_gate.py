@@ -31,7 +31,7 @@ from scp_planner.online.stops import (
 from scp_planner.online.tolerances import TIME
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.units import NaturalUnits, changed
+from scp_planner.scenario.units import changed
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -216,15 +216,7 @@ class _Tried:
 
 
 class SafetyGate:
-    def __init__(
-        self,
-        period: float,
-        stops_will_do: bool,
-        following: Following,
-        units: NaturalUnits | None = None,
-        wait: float = 0.0,
-    ) -> None:
-        self.units = units or NaturalUnits()
+    def __init__(self, period: float, stops_will_do: bool, following: Following, wait: float = 0.0) -> None:
         self.wait = wait
         self.period = period
         self.stops_will_do = stops_will_do

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.tracking.confidence import LEVELS, region_scale
+from scp_planner.tracking.confidence import LEVELS
 from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.motion_estimate import PolynomialEstimate
+from scp_planner.tracking.motion_estimate import PolynomialEstimate, region_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -271,7 +271,7 @@ def estimated_region(
 ) -> EstimatedRegion:
     """Return what the zone of an obstacle is made of whose motion is estimated."""
     from scp_planner.threat_zones.widening import HEADINGS, Split, widening_of
-    from scp_planner.tracking.confidence import region_scale
+    from scp_planner.tracking.motion_estimate import region_scale
 
     body, widening = obstacle.body, None
     level, probability, sharing = str(confidence.level), confidence.probability, estimated

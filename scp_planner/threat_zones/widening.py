@@ -11,9 +11,9 @@ from scp_planner.arrays import Array, cross
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
-from scp_planner.tracking.confidence import outside_probability, region_scale, shared_alpha, uniform_scale
+from scp_planner.tracking.confidence import outside_probability, shared_alpha, uniform_scale
 from scp_planner.tracking.dynamics import RandomWalk
-from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.tracking.motion_estimate import MotionEstimate, PolynomialEstimate, region_scale
 from scp_planner.tracking.process_estimate import ProcessEstimate
 
 

@@ -7,16 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.tolerances import LEAST_RISK_SHARE, SCALE_TOLERANCE
-
-if TYPE_CHECKING:
-    from scp_planner.tracking.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
 LARGEST_ALPHA = math.nextafter(1.0, 0.0)  # below 1: what holds with hardly any probability has some region
@@ -130,22 +127,6 @@ class StudentErrors(_EstimatedErrors):
     def __post_init__(self) -> None:
         if not self.degrees_of_freedom > 0.0:
             raise EstimationError(f"degrees of freedom: {self.degrees_of_freedom!r} is not a positive number")
-
-
-def region_scale(
-    level: str,
-    probability: float,
-    estimate: MotionEstimate,
-    *,
-    obstacles: int = 1,
-    start: float = -math.inf,
-    stop: float = math.inf,
-) -> float:
-    """Give q of the ellipse {z : z' C(t)^-1 z <= q}, with C(t) = ``estimate.covariance(t)``."""
-    alpha = alpha_of_one(level, probability, obstacles)
-    if level == "per_time":
-        return estimate.errors.pointwise_scale(alpha)
-    return uniform_scale(alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors)
 
 
 def marginal_scale(level: str, probability: float, times: int, obstacles: int) -> float:

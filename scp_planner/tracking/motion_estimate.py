@@ -15,7 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors
+from scp_planner.tracking.confidence import ErrorLaw, HotellingErrors, alpha_of_one, uniform_scale
 from scp_planner.tracking.tolerances import EQUAL_EIGENVALUES, PLACE_TOLERANCE
 
 HORIZON = 120.0  # units of time; longest trip that motions are predicted for
@@ -104,6 +104,22 @@ class MotionEstimate(ABC):
         time of E[(u' Lambda u)^1/2], u uniform on the unit circle. If C(t) = h(t) Sigma, it is the length of
         the curve x_t / |x_t| on the sphere, lengths measured by (X'X)^-1.
         """
+
+
+def region_scale(
+    level: str,
+    probability: float,
+    estimate: MotionEstimate,
+    *,
+    obstacles: int = 1,
+    start: float = -math.inf,
+    stop: float = math.inf,
+) -> float:
+    """Give q of the ellipse {z : z' C(t)^-1 z <= q}, with C(t) = ``estimate.covariance(t)``."""
+    alpha = alpha_of_one(level, probability, obstacles)
+    if level == "per_time":
+        return estimate.errors.pointwise_scale(alpha)
+    return uniform_scale(alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from scp_planner.tracking.confidence import (
     StudentErrors,
     alpha_of_mixture,
     excursion_bound,
-    region_scale,
     shared_alpha,
     shared_risk,
     sizes_of,
@@ -28,7 +27,7 @@ from scp_planner.tracking.confidence import (
 )
 from scp_planner.tracking.estimate import estimate_obstacle
 from scp_planner.tracking.maximum_likelihood import estimate_motion
-from scp_planner.tracking.motion_estimate import MotionEstimate
+from scp_planner.tracking.motion_estimate import MotionEstimate, region_scale
 
 pytestmark = pytest.mark.numerics
 

@@ -14,11 +14,12 @@ from scipy.stats import multivariate_normal
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.process_model import ProcessModel, Tails
-from scp_planner.tracking.confidence import NormalErrors, StudentErrors, region_scale
+from scp_planner.tracking.confidence import NormalErrors, StudentErrors
 from scp_planner.tracking.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.tracking.estimate import estimate_obstacle, estimate_obstacles
 from scp_planner.tracking.kalman import estimate_process, estimate_processes
 from scp_planner.tracking.maximum_likelihood import check_observations
+from scp_planner.tracking.motion_estimate import region_scale
 from scp_planner.tracking.motion_fitting import log_likelihood
 from scp_planner.tracking.process_estimate import PIECES, ProcessEstimate
 from scp_planner.tracking.tracks import Track, Tracks
