@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 
@@ -200,8 +199,9 @@ class EvasiveManoeuvres(Driven):
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
             over = GRADUAL_ASIDE if bend is GRADUAL else PROMPT_ASIDE
-            made = [Courses.turning(each, bend) for each in ways], [Courses.moving_over(each, over) for each in ways]
-            families = tuple(Family.of(each, profiles, limits, radius, 0.0) for each in chain(*made))
+            courses = [Courses.turning(each, COURSES.turns, bend) for each in ways]
+            courses += [Courses.turning(each, COURSES.aside, over) for each in ways]
+            families = tuple(Family.of(each, profiles, limits, radius, 0.0) for each in courses)
         return cls.sampled(
             families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), EVASIVE_MANOEUVRES.samples)
         )

@@ -183,17 +183,9 @@ class Courses:
         return cls(np.tile(2.0 * np.pi * np.arange(many) / many, 2), np.repeat([bend, -bend], many))
 
     @classmethod
-    def turning(cls, heading: float, bend: Bend = GRADUAL) -> Courses:
-        """Return those of a vehicle with a heading, rad."""
-        turns = np.radians(COURSES.turns)
-        turn = np.concatenate([turns, -turns[1:-1]])
-        return cls(np.full(len(turn), heading), turn, bend)
-
-    @classmethod
-    def moving_over(cls, heading: float, bend: Bend) -> Courses:
-        """Return those of a vehicle with a heading, rad, that turn aside and back again."""
-        turns = np.radians(COURSES.aside)
-        turn = np.concatenate([turns, -turns])
+    def turning(cls, heading: float, turns: tuple[float, ...], bend: Bend) -> Courses:
+        """Return those of a vehicle with a heading, rad, that turn by so many degrees, to either side."""
+        turn = np.radians([*turns, *(-one for one in turns if 0.0 < one < 180.0)])
         return cls(np.full(len(turn), heading), turn, bend)
 
     def every(self, stride: int) -> Courses:

@@ -153,13 +153,11 @@ class ObstacleTracks:
         return NoticingTrack(self._bank(track.model.order), covariance)
 
     def _bank(self, order: int) -> Bank:
-        bank = self._banks.get(order)
-        if bank is None:
-            deviations = self.newcomers
-            widening = FilterModels(deviations.velocity_deviation, deviations.acceleration_deviation)
-            bank = self._banks[order] = Bank(order, widening, self.settings.alarm_probability)
-            bank.set_noise(self.noise.factor)
-        return bank
+        if order not in self._banks:
+            models = FilterModels(self.newcomers.velocity_deviation, self.newcomers.acceleration_deviation)
+            self._banks[order] = Bank(order, models, self.settings.alarm_probability)
+            self._banks[order].set_noise(self.noise.factor)
+        return self._banks[order]
 
     def judge_noise(self, differences: Array) -> None:
         """Take the noise for what it is seen to be."""
