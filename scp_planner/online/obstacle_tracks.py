@@ -47,11 +47,10 @@ from scp_planner.tracking.estimators import MOST_LATE, NoticingTrack, Polynomial
 from scp_planner.tracking.filters import FilterModels
 from scp_planner.tracking.futures import PolynomialMotions
 from scp_planner.tracking.motion_estimate import HORIZON, MotionEstimate, PolynomialEstimate
-from scp_planner.tracking.noticing import Bank
+from scp_planner.tracking.noticing import Bank, NoiseWatch, is_misfit, neighbour_differences
 from scp_planner.tracking.predictions import Prediction, PredictionKind
 from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
-from scp_planner.tracking.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
 
 logger = logging.getLogger(__name__)
 PREDICTED_TIMES = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])

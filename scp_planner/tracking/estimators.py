@@ -100,16 +100,12 @@ class NoticingTrack(TrackEstimator):
 
 @dataclass(frozen=True)
 class _Filtered:
-    """State of a filter after some measurements."""
-
     state: FilterState
     count: int  # Measurements
     noise: Array  # Sum of their covariances, (2, 2) m^2
 
 
 class ProcessTrack(TrackEstimator):
-    """A motion with process noise, by its model."""
-
     in_order = True
 
     def __init__(self, model: ProcessModel) -> None:

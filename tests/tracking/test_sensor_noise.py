@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scp_planner.arrays import Array
-from scp_planner.tracking.sensor_noise import NoiseWatch, is_misfit, neighbour_differences
+from scp_planner.tracking.noticing import NoiseWatch, is_misfit, neighbour_differences
 
 STEP = 0.1
 
