@@ -49,12 +49,12 @@ class SortedTracks:
     """Tracks that have been seen."""
 
     every: Sequence[ObstacleTrack]
-    uncertain: int
+    level: Level
     headings: bool
     kinds: Mapping[TrackKind, Mapping[int, Sequence[ObstacleTrack]]]
 
     @classmethod
-    def of(cls, tracks: Iterable[ObstacleTrack]) -> SortedTracks:
+    def of(cls, tracks: Iterable[ObstacleTrack], confidence: Confidence) -> SortedTracks:
         every = [track for track in tracks if track.seen]
         turning = sum(track.fixed is None and track.body.turning is not None for track in every)
         headings = turning <= TRACKS.most_turning
@@ -64,7 +64,7 @@ class SortedTracks:
             if kind is not None:
                 groups[kind].setdefault(track.model.order, []).append(track)
         kinds = {kind: dict(sorted(some.items())) for kind, some in groups.items()}
-        return cls(every, sum(track.uncertain for track in every), headings, kinds)
+        return cls(every, Level(confidence, sum(track.uncertain for track in every)), headings, kinds)
 
 
 def learns(track: ObstacleTrack) -> bool:
@@ -161,13 +161,6 @@ class InitialisedTracks:
             track.suspected = bool(self.suspected[k])
             track.zone = zone if otherwise[k] or track.bounded else None
         return zones
-
-
-@dataclass(frozen=True)
-class Learnt:
-    tracks: SortedTracks
-    level: Level
-    settled: Sequence[InitialisedTracks]
 
 
 def newcomers_together(

@@ -17,7 +17,6 @@ from scp_planner.online.alarmed_zones import Alarmed, changes_among
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.many_zones import (
     InitialisedTracks,
-    Learnt,
     Level,
     SortedTracks,
     TrackKind,
@@ -73,7 +72,7 @@ class ObstacleTracks:
         adaptive = self.settings.regions is Regions.ADAPTIVE
         self.sizes = RegionSizes(outside_probability(confidence.probability)) if adaptive else None
         self._banks: dict[int, Bank] = {}
-        self._ready: Learnt | None = None  # until anything new is known
+        self._ready: tuple[SortedTracks, list[InitialisedTracks]] | None = None  # until anything new is known
         self._asked = True  # for zones, since that was worked out
 
     def add(self, *obstacles: Obstacle) -> None:
@@ -252,25 +251,24 @@ class ObstacleTracks:
         if self._asked:
             self._learnt()
 
-    def _learnt(self) -> Learnt:
+    def _learnt(self) -> tuple[SortedTracks, list[InitialisedTracks]]:
         if self._ready is None:
-            tracks = SortedTracks.of(self.tracks.values())
-            level = Level(self.confidence, tracks.uncertain)
-            settled = [self._settled(some, level) for some in tracks.kinds[TrackKind.SETTLED].values()]
-            self._ready, self._asked = Learnt(tracks, level, settled), False
+            tracks = SortedTracks.of(self.tracks.values(), self.confidence)
+            settled = [self._settled(some, tracks.level) for some in tracks.kinds[TrackKind.SETTLED].values()]
+            self._ready, self._asked = (tracks, settled), False
         return self._ready
 
     def zones(self, start: float) -> tuple[ThreatZone, ...]:
         """Zones of all obstacles that have been seen, from a time on, s."""
-        learnt = self._learnt()
+        tracks, settled = self._learnt()
         self._asked = True
-        tracks, level, headings = learnt.tracks.every, learnt.level, learnt.tracks.headings
-        made = self._together(learnt, start)
-        alone = [track for track in tracks if track.fixed is None and track.id not in made]
+        made = self._together(tracks, settled, start)
+        alone = [track for track in tracks.every if track.fixed is None and track.id not in made]
         if alone:
-            made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
-        uncertain = level.estimated
-        every = ((made[track.id],) if track.fixed is None else self._given(track, uncertain) for track in tracks)
+            zones = self._alone(alone, start, tracks.level, tracks.headings)
+            made |= zip((track.id for track in alone), zones, strict=True)
+        uncertain = tracks.level.estimated
+        every = ((made[track.id],) if track.fixed is None else self._given(track, uncertain) for track in tracks.every)
         return tuple(chain.from_iterable(every))
 
     def _given(self, track: ObstacleTrack, uncertain: int) -> tuple[ThreatZone, ...]:
@@ -282,13 +280,14 @@ class ObstacleTracks:
             track.made = made = GivenZones(motion, uncertain, zones)
         return made.zones
 
-    def _together(self, learnt: Learnt, start: float) -> dict[str, ThreatZone]:
+    def _together(
+        self, tracks: SortedTracks, settled: Sequence[InitialisedTracks], start: float
+    ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        kinds, level = learnt.tracks.kinds, learnt.level
+        kinds, level = tracks.kinds, tracks.level
         made: dict[str, ThreatZone] = {}
-        for settled in learnt.settled:
-            zones = settled.zones(start, level)
-            made.update(zip((track.id for track in settled.tracks), zones, strict=True))
+        for those in settled:
+            made.update(zip((track.id for track in those.tracks), those.zones(start, level), strict=True))
         for order, some in kinds[TrackKind.ALARMED].items():
             deviation = self.newcomers.acceleration_deviation if self.settings.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), PredictionKind.NOTICED))
