@@ -14,8 +14,8 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.target import TargetMotion
 
 
-def first_meeting(scenario: Scenario, target: TargetMotion) -> float:
-    """Return the least t, s after the start, with |q(t) - x0| <= d(t) + r; inf if there is none.
+def first_meeting(scenario: Scenario, target: TargetMotion, since: float = 0.0) -> float:
+    """Return the least t, s after the start, with |q(t) - x0| <= d(t) + r, from a time on; inf if there is none.
 
     q is the target's place, r the goal's radius, and d the distance driven at full acceleration up to the top speed. On
     each piece |q - x0|^2 - (d + r)^2 is a polynomial, whose first root is looked for: without one the target is proven
@@ -25,16 +25,16 @@ def first_meeting(scenario: Scenario, target: TargetMotion) -> float:
     radius, v0, a = scenario.goal.radius + END_TOLERANCE, start.speed, vehicle.max_acceleration
     top = max(vehicle.max_speed, v0)
     rise = (top - v0) / a
-    if hypot(*np.subtract(target.place(start.time), start.position)) <= radius:
+    if since == 0.0 and hypot(*np.subtract(target.place(start.time), start.position)) <= radius:
         return 0.0
     breaks = target.centers.breakpoints[0] - start.time
-    inner = [float(t) for t in (rise, *breaks[1:-1]) if t > 0.0 and np.isfinite(t)]
-    for begin, end in pairwise([0.0, *sorted(set(inner)), inf]):
+    inner = [float(t) for t in (rise, *breaks[1:-1]) if t > since and np.isfinite(t)]
+    for begin, end in pairwise([since, *sorted(set(inner)), inf]):
         driven = _driven(begin, v0, a, rise, top)
         gap = _gap(_piece(target, start.time + begin), np.array(start.position), driven, radius)
         found = _first_root(gap, end - begin)
         if found is not None:
-            return (begin + found) * (1.0 - SPEED_ROUNDING)
+            return max((begin + found) * (1.0 - SPEED_ROUNDING), since)
     return inf
 
 

@@ -17,6 +17,7 @@ from math import dist, inf
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
+from scp_planner.certificate.meeting import first_meeting
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.planning.attempts import ATTEMPTS
 from scp_planner.planning.refinements import over_other_breakpoints
@@ -160,7 +161,7 @@ class MeetingSearch:
         jumps = late - early <= min(MEETING.jump * late, comes_early / MEETING.steepest)
         if best is None or not self._points:
             self._waits = self._held or jumps
-            return self._cleared(MEETING.later * early)
+            return self._cleared(self._within_reach(MEETING.later * early, early))
         time, missed = self._points[-1]
         if self._waits and time == late and missed > MEETING.jump * time:
             self._late, self._held, late = NONE_EARLY, True, inf
@@ -174,7 +175,19 @@ class MeetingSearch:
         wanted = min(time - missed / min(slope, -MEETING.slowest_gain), MEETING.longest * time)
         if not early < wanted < late:
             wanted = 0.5 * (early + late) if late < inf else MEETING.later * early
+        wanted = self._within_reach(wanted, early)
         return min(self._cleared(wanted, early), late)
+
+    def _within_reach(self, wanted: float, early: float) -> float:
+        """The first time from one on, s, at which the vehicle can have driven to the target; else one back to another.
+
+        Once the target has got away for good, it is met before that, or never.
+        """
+        again = first_meeting(self.scenario, self.target, wanted)
+        while again == inf and wanted - early > MEETING.jump * early:
+            wanted = 0.5 * (early + wanted)
+            again = first_meeting(self.scenario, self.target, wanted)
+        return wanted if again == inf else again
 
     def _cleared(self, time: float, since: float = inf) -> float:
         """The time, s, or if something covers the place to meet then, when that has begun or ended.

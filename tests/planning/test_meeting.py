@@ -176,6 +176,16 @@ def test_a_target_that_gets_away_is_told() -> None:
     assert math.isfinite(sp.lower_bound(nearly))
 
 
+def test_a_target_that_gets_away_behind_a_rock_is_not_followed_for_ever() -> None:
+    """It is met before that, or the best trip is one to where it could have been; the proof is of standing goals."""
+    motion = {"position": [8.0, 1.0], "velocity": [0.0, -0.2], "acceleration": [0.45, 0.0]}
+    rock = {"id": "rock", "shape": {"disc": 4.0}, "motion": {"position": [9.5, 0.3]}}
+    start = {"time": 0.0, "position": [0.0, 0.0], "speed": 1.0, "heading": 0.0}
+    plan = sp.plan(scenario({"target": {"motion": motion}, "radius": 0.3}, [rock], start))
+    assert plan.travel_time < 20.0
+    assert plan.certified or "No trip at all" not in (plan.reason or "")
+
+
 def test_the_obstacle_that_is_met_is_no_obstacle_but_where_the_vehicle_is_to_pass_it() -> None:
     boat = {"id": "boat", "shape": {"disc": 0.5}, "motion": {"position": [20.0, 0.0], "velocity": [-1.0, 0.0]}}
     onto = scenario({"target": "boat"}, [boat])
