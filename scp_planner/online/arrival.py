@@ -37,7 +37,7 @@ class Arrival:
         given = online.arrival_tolerance
         if given is None:
             given = online.period * following.top_speed if goal.radius == 0.0 and goal.region is None else 0.0
-        self.tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
+        self.tolerance = self._tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
         self.speed = GOAL_SPEED_TOLERANCE + max(
             following.vehicle.max_deceleration * online.period, following.speed or 0.0
         )
@@ -45,9 +45,10 @@ class Arrival:
 
     def move(self, moving: MovingGoal, time: float) -> None:
         """Take the goal for where it is at an absolute time, s."""
-        goal = moving.at(time)
+        goal, doubt = moving.at(time), moving.doubt(time)
         # Within the radius, whose velocity is not that of the target yet has not met it.
-        self.goal = changed(goal, radius=0.0) if moving.goal.match_velocity else goal
+        self.goal = changed(goal, radius=0.0 if moving.goal.match_velocity else goal.radius - doubt)
+        self.tolerance = self._tolerance - doubt
 
     def is_there(self, place: tuple[float, float], heading: float | None = None) -> bool:
         """True if a position is within the tolerance of the goal; of a goal that is a region, that of the middle."""

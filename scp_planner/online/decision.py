@@ -101,11 +101,12 @@ class Decision:
         now.aimless = now.last is None or elsewhere
         if last is None or now.aimless:
             return self._anew(now, None, last)
-        if last.arrival_time - now.moment.state.time < DECISION.near_goal:
+        off = _off_target(now, last)
+        if last.arrival_time - now.moment.state.time < DECISION.near_goal and not off:
             kept = self._means.kept(now, last)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT)
-        due = now.cycle - self._improved >= self._improve_every
+        due = off or now.cycle - self._improved >= self._improve_every
         if not due and self._unfinished is None:
             kept = self._still_on(now, last)
             if kept is not None:
@@ -128,7 +129,9 @@ class Decision:
         front = state.heading if state.front is None else state.front
         there, moves = arrival.is_there(state.position, front), state.speed > STOPS.standing
         if there and last is not None and last.arrival_time > state.time and moves:
-            kept = means.kept(now, last)
+            moving = now.moment.moving
+            nears = moving is None or moving.is_neared_by(last, state.time)
+            kept = means.kept(now, last) if nears else None
             if kept is not None:
                 return means.plan_of(kept, now, Outcome.KEPT)
         arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
@@ -183,7 +186,7 @@ class Decision:
             if other is None:
                 return plan
             best = other
-        later = last is not None and best.arrival > last.arrival_time + DECISION.slower
+        later = last is not None and best.arrival > last.arrival_time + DECISION.slower and not _off_target(now, last)
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.kept(now, last)
             if kept is not None:
@@ -292,6 +295,11 @@ class Decision:
         run = loop.run(ahead, most, deadline=now.deadline, trust=DECISION.warm_trust, enough=1)
         now.lap("scp")
         return run
+
+
+def _off_target(now: Replan, last: OnlinePlan) -> bool:
+    """True if a plan no longer leads to where the target is most likely to be."""
+    return now.moment.moving is not None and now.moment.moving.is_left_by(last)
 
 
 def _clearance(problem: Problem, trip: Trajectory) -> float:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, sin
+from math import cos, dist, inf, sin
+
+import numpy as np
 
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.online.plan import OnlinePlan
@@ -18,6 +20,8 @@ from scp_planner.threat_zones.zone import ThreatZone
 class MovingGoalParameters:
     slowest_gain: float = 0.1  # Share of the top speed at which the vehicle gains on the target at least
     longest: float = 2.0  # times the time to the meeting, which changes by no more in one replan
+    surely: float = 2.0  # Standard deviations of the estimate by which who has met the target is inside of the radius
+    widest: float = 0.5  # Share of the radius that this takes at most
 
 
 MOVING_GOAL = MovingGoalParameters()
@@ -64,6 +68,27 @@ class MovingGoal:
         speeds, ahead = (max(goal.speed - self.speed, 0.0), goal.speed + self.speed), goal.heading
         headings = None if ahead is None else (ahead - self.heading, ahead + self.heading)
         return changed(goal, speed=None, speed_range=speeds, heading=None, heading_range=headings)
+
+    def is_left_by(self, last: OnlinePlan) -> bool:
+        """True if a plan's end is off the target's newest estimate by more than a standard deviation of that."""
+        spread = self.target.covariance(last.arrival_time)
+        if spread is None or self.goal.match_velocity:  # the time of a meeting with a velocity is that of the last plan
+            return False
+        off = np.subtract(self.target.place(last.arrival_time), last.position(last.arrival_time))
+        return bool(off @ np.linalg.solve(spread, off) > 1.0)
+
+    def is_neared_by(self, last: OnlinePlan, time: float) -> bool:
+        """True if a plan ends nearer to the target than it is at an absolute time, s."""
+        here, end = (dist(last.position(one), self.target.place(one)) for one in (time, last.arrival_time))
+        return end < here
+
+    def doubt(self, time: float) -> float:
+        """By how much whoever is at the target at a time, s, is inside of the radius round its estimate, m."""
+        spread = self.target.covariance(time)
+        if spread is None:
+            return 0.0
+        deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+        return min(MOVING_GOAL.surely * deviation, MOVING_GOAL.widest * self.goal.radius)
 
     def meeting(self, scenario: Scenario, last: OnlinePlan | None) -> float:
         """Return the absolute time at which the target is met, s; inf if it gets away.
