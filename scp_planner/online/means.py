@@ -119,8 +119,10 @@ class Means:
         units: NaturalUnits,
         solver: QpSolver,
         onward: bool = False,
+        routed: bool = False,
     ) -> None:
         self.onward = onward
+        self.routed = routed  # The guide is a route that was found
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
         # Headings are those of driving: the middle is on the other side while the front is behind
@@ -252,7 +254,7 @@ class Means:
     def _guide(self, now: Replan, scenario: Scenario, settings: SceneSettings) -> Guide | None:
         """The guide of trips: where that turns about, along what is left of the last trip, led to the goal."""
         start, goal, last = scenario.start, scenario.goal, now.last
-        if scenario.ground is not None and scenario.guide is not None:  # a route that was found
+        if self.routed and scenario.guide is not None:
             return guide_on(scenario, np.array(scenario.guide), settings)
         given = scenario.guide is not None or scenario.corridor is not None
         if given or now.aimless or last is None or last.outcome in AWAY:

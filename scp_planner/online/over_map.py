@@ -1,11 +1,13 @@
-"""A map while driving: trips are planned in local ground along a route, and what is driven is certified over the cells.
+"""Routes while driving: round what stands, and over a map, in whose local ground along the route trips are planned.
 
-The ground is a corridor for trips; manoeuvres and the safety gate ask the cells. Routes are looked for in a share of
-the time of each replan. Meanwhile the last plan is driven as long as it can be left for a certified stop.
+Routes are looked for in a share of the time of each replan; one that trips over the straight guide do not serve is
+their guide. Over a map the ground is a corridor for trips; manoeuvres and the safety gate ask the cells. There the last
+plan is driven, as long as it can be left for a certified stop, until there is a route.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Ends
+from scp_planner.errors import TooLargeError
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import NAME, OccupancyMap
@@ -24,12 +27,16 @@ from scp_planner.online.reasons import REASONS, Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
+from scp_planner.planning.offline import planned
 from scp_planner.planning.over_map import OVER_MAP, ground_along, leads_through, least_time_along, with_ground
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MapRoutes, straightened
+from scp_planner.routes.roadmap import Roadmap
 from scp_planner.scenario.checks import room_on_map
+from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
+from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
@@ -59,15 +66,14 @@ class FoundRoutes:
 
 
 class RouteAhead:
-    """The ground along the route under way, and the search for another one."""
+    """The route under way round all that stands, if the straight guide does not serve it, and the search for it."""
 
     def __init__(self, asked: Scenario) -> None:
-        """Take a scenario with a map, in units of the scene."""
-        assert asked.ground is not None
-        self.asked, self.scene, self.map = asked, asked, asked.ground.map
-        self.none: Reason | None = SOUGHT  # Why no route is under way
-        self._ground: list[Array] = []
-        self._grown, self._due = False, True
+        """Take a scenario in units of the scene."""
+        self.asked, self.scene = asked, asked
+        self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
+        self._due = True
+        self._stuck = False  # There was no trip to the goal for long
         self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
@@ -77,36 +83,77 @@ class RouteAhead:
         return {**self.__dict__, "_search": None}
 
     def renewed(self, now: Replan, means: Means) -> bool:
-        """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
-        state, last, grown = now.moment.state, now.last, self._grown
-        leads = last is not None and last.outcome not in AWAY and means.arrival.is_end_of(last.trip)
-        if not grown:  # Another map or goal: what is driven may still be as good as any
-            alone = replace(now.moment, zones=())
-            if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
-                self.none = None
-            self._grow(now, means, FoundRoutes([], []))
-        elif leads:
+        """Look for a route for a share of the time, where that is due; return True if there is another scene."""
+        state, leads = now.moment.state, self._leads(now, means)
+        if leads:
             self._again = state.time + ONLINE_MAP.patience
         elif state.time >= self._again and not means.arrival.is_there(state.position):
-            self._due, self._again = True, np.inf
-        return (self._due and self._searched(now, means, leads)) or not grown
+            self._due, self._stuck, self._again = True, True, np.inf
+        return self._due and self._searched(now, means, leads)
+
+    @staticmethod
+    def _leads(now: Replan, means: Means) -> bool:
+        """True if the last plan leads to the goal."""
+        return now.last is not None and now.last.outcome not in AWAY and means.arrival.is_end_of(now.last.trip)
 
     def _searched(self, now: Replan, means: Means, leads: bool) -> bool:
         state = now.moment.state
         if self._search is None or (state.speed <= STOPS.standing and not means.stays(self._from, state)):
             self._from = state
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
-            self._search = self._searching(now, means, left if self.none is None else np.inf)
-        done = self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock))
-        return done and self._take(self._search.result, now, means)
+            within = (left if self.none is None else np.inf) * (1.0 - ONLINE_MAP.gain)
+            self._search = Coroutine(self._searching(now, means, within))
+        if not self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock)):
+            return False
+        found, self._search, self._due = self._search.result, None, False
+        self._again = state.time + ONLINE_MAP.patience
+        return self._take(found, now, means)
 
-    def _searching(self, now: Replan, means: Means, left: float) -> Coroutine[FoundRoutes | Reason | None]:
-        scene, standing = self._scene_at(now.moment.state, means), _that_stand(now, means)
-        return Coroutine(partial(_routes, scene, self.map, standing, left * (1.0 - ONLINE_MAP.gain)))
+    def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
+        """Return the search for a route that takes so long at most, s."""
+        scene = changed(means.scenario_at(now.moment.state), guide=None)
+        zones = (*_that_stand(now, means), *corridor_zones(self.asked))
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck)
+
+    def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
+        """Plan along a route that was found from now on; return True if that changes the scene."""
+        if not isinstance(found, FoundRoutes):
+            return False
+        before, line = self.scene.guide, found.lines[0] if found.lines else None
+        guide = None if line is None else tuple((x, y) for x, y in line.tolist())
+        self.scene = changed(self.asked, guide=guide)
+        return guide != before
+
+
+class MapRouteAhead(RouteAhead):
+    """The route under way over a map, and the ground along it."""
+
+    def __init__(self, asked: Scenario) -> None:
+        """Take a scenario with a map, in units of the scene."""
+        super().__init__(asked)
+        assert asked.ground is not None
+        self.map, self.none = asked.ground.map, SOUGHT
+        self._ground: list[Array] = []
+        self._grown = False
+
+    def renewed(self, now: Replan, means: Means) -> bool:
+        """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
+        if self._grown:
+            return super().renewed(now, means)
+        # Another map or goal: what is driven may still be as good as any
+        state, last, leads = now.moment.state, now.last, self._leads(now, means)
+        alone = replace(now.moment, zones=())
+        if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
+            self.none = None
+        self._grow(now, means, FoundRoutes([], []))
+        self._searched(now, means, leads)
+        return True
+
+    def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
+        scene = self._scene_at(now.moment.state, means)
+        return partial(_routes, scene, self.map, _that_stand(now, means), within)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:
-        """Plan along a route that was found from now on; where there is none, go on as before."""
-        self._search, self._due, self._again = None, False, now.moment.state.time + ONLINE_MAP.patience
         if not isinstance(found, FoundRoutes):
             self.none = self.none and (found or NO_ROUTE)
             return False
@@ -138,6 +185,37 @@ class RouteAhead:
         scene = means.scenario_at(state)
         guide, vehicle = asked.guide and scene.guide, changed(scene.vehicle, radius=radius)
         return changed(scene, corridor=None, guide=guide, vehicle=vehicle)
+
+
+def _route_round(
+    scene: Scenario, zones: tuple[ThreatZone, ...], settings: SceneSettings, within: float, stuck: bool
+) -> FoundRoutes | None:
+    """Find the fastest way round what stands, where trips over the straight guide do not do.
+
+    None if it takes longer than a time, s.
+    """
+    frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
+    limits = Limits.of(scene, settings.limit_margin).rounded()
+    batch = ZoneBatch.of(zones, frame, scene.vehicle.radius + settings.clearance_margin).rounded()
+    roadmap = Roadmap(scene, frame, limits, batch, Box.of(scene, frame, settings.box_margin))
+    if len(batch.standing) == 0 or roadmap.has_to_loop:
+        return FoundRoutes([], [])
+    try:
+        route = next(roadmap.routes(), None)
+    except TooLargeError:
+        route = None
+    pause()
+    if route is None or route.straight:
+        return FoundRoutes([], [])
+    if route.least_time > within:
+        return None
+    plan = planned(scene, threat_zones=zones)
+    if not plan.certified or (plan.trip.trajectory.space.guide.straight and not stuck):
+        return FoundRoutes([], [])
+    times = np.linspace(0.0, 1.0, OVER_MAP.places) * plan.trip.trajectory.travel_time
+    places = plan.trip.frame.to_world(plan.trip.positions_at(plan.trip.frame.time + times))
+    inner = straightened(places, OVER_MAP.straight * scene.vehicle.radius)[1:-1]
+    return FoundRoutes([np.concatenate([[scene.start.position], inner, [scene.goal.position]])], [])
 
 
 def _routes(

@@ -25,7 +25,7 @@ from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.over_map import RouteAhead
+from scp_planner.online.over_map import MapRouteAhead, RouteAhead
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
@@ -142,15 +142,22 @@ class Planner(Changeable):
         given = anchored(scenario.model_copy(update=changes))
         backward = self._legs is not None and self._legs.backward
         self._legs = LegsAhead(given, backward) if may_back_up(given) else None
-        routed = given.ground is not None and given.goal.target is None and not given.goals and self._legs is None
-        self._route = RouteAhead(given) if routed else None
+        self._route: RouteAhead | None = None
+        if given.goal.target is None and not given.goals and self._legs is None:
+            if given.ground is not None:
+                self._route = MapRouteAhead(given)
+            elif given.guide is None:
+                self._route = RouteAhead(given)
         self._set_out(given if self._legs is None else self._legs.scene, solver)
 
     def _set_out(self, given: Scenario, solver: QpSolver) -> None:
         """Plan in a scene from now on: for the leg under way, the ground along a route over the map, or all of it."""
         following = Following.of(given.vehicle, self._online, self._tube)
         onward = self._legs is not None and self._legs.onward
-        self._means = Means(given, self.settings, self._online, self._inbox, following, self._units, solver, onward)
+        routed = self._route is not None and (given.ground is not None or self._route.asked.guide is None)
+        self._means = Means(
+            given, self.settings, self._online, self._inbox, following, self._units, solver, onward, routed
+        )
         self._decision = Decision(self._means)
 
     @property
@@ -197,8 +204,9 @@ class Planner(Changeable):
         made = self._units.inverse.scenario(made)
         if self._route is None:
             return made
-        guide = self._route.asked.guide and made.guide  # the planner's own and its corridor were not asked for
-        return changed(made, corridor=None, guide=guide, ground=self._asked.ground)
+        asked = self._route.asked  # the planner's own guide and corridor were not asked for
+        corridor = None if asked.ground is not None else made.corridor
+        return changed(made, corridor=corridor, guide=asked.guide and made.guide, ground=self._asked.ground)
 
     def _left(self, state: State) -> Scenario:
         if self._legs is None:

@@ -121,12 +121,13 @@ def _least(bands: Array, force: Array, low: Array, high: Array) -> Array:
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-6 * float(np.abs(high).max()))
     low, high, x = middle - half, middle + half, middle
     barrier = float(bands[0].max() * half.max()) * half
+    least = np.spacing(np.abs(low) + np.abs(high))  # m, from a bound: what rounding leaves of nearer points
     for _ in range(WIDENING.steps):
         product = bands[0] * x
         for k in (1, 2):
             product[k:] += bands[k, :-k] * x[:-k]
             product[:-k] += bands[k, :-k] * x[k:]
-        above, below = x - low, high - x
+        above, below = np.maximum(x - low, least), np.maximum(high - x, least)
         system = bands.copy()
         system[0] += barrier / above**2 + barrier / below**2
         move = solveh_banded(system, barrier / above - barrier / below - product - force, lower=True)
