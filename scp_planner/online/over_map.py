@@ -51,7 +51,7 @@ class OnlineMapParameters:
 
 
 ONLINE_MAP = OnlineMapParameters()
-SOUGHT = Reason(ReasonCode.OUT_OF_TIME, "A route over the map is being looked for.")
+SOUGHT = Reason(ReasonCode.OUT_OF_TIME, "A route to the goal is being looked for.")
 NO_ROUTE = Reason(ReasonCode.BLOCKED, "No way over the map to the goal is found.", NAME)
 ON_CELLS = Reason(ReasonCode.BLOCKED, "The vehicle is on occupied cells of the map.", NAME)
 GOAL_ON_CELLS = Reason(ReasonCode.BLOCKED, "The goal is on occupied cells of the map.", NAME)
@@ -65,6 +65,13 @@ class FoundRoutes:
     ground: list[Array]
 
 
+@dataclass
+class Blocked:
+    """Says of the straight way to the goal whether a search for a route has found it blocked."""
+
+    is_so: bool = False
+
+
 class RouteAhead:
     """The route under way round all that stands, if the straight guide does not serve it, and the search for it."""
 
@@ -74,6 +81,7 @@ class RouteAhead:
         self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
         self._due = True
         self._stuck = False  # There was no trip to the goal for long
+        self._blocked = Blocked()
         self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
@@ -84,6 +92,11 @@ class RouteAhead:
 
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
+        found = self._looked(now, means)
+        self.none = SOUGHT if self._due and self._blocked.is_so and not self._stuck else None
+        return found
+
+    def _looked(self, now: Replan, means: Means) -> bool:
         state, leads = now.moment.state, self._leads(now, means)
         if leads:
             self._again = state.time + ONLINE_MAP.patience
@@ -113,7 +126,7 @@ class RouteAhead:
         """Return the search for a route that takes so long at most, s."""
         scene = changed(means.scenario_at(now.moment.state), guide=None)
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._blocked)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -139,7 +152,7 @@ class MapRouteAhead(RouteAhead):
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
         if self._grown:
-            return super().renewed(now, means)
+            return self._looked(now, means)
         # Another map or goal: what is driven may still be as good as any
         state, last, leads = now.moment.state, now.last, self._leads(now, means)
         alone = replace(now.moment, zones=())
@@ -188,7 +201,12 @@ class MapRouteAhead(RouteAhead):
 
 
 def _route_round(
-    scene: Scenario, zones: tuple[ThreatZone, ...], settings: SceneSettings, within: float, stuck: bool
+    scene: Scenario,
+    zones: tuple[ThreatZone, ...],
+    settings: SceneSettings,
+    within: float,
+    stuck: bool,
+    blocked: Blocked,
 ) -> FoundRoutes | None:
     """Find the fastest way round what stands, where trips over the straight guide do not do.
 
@@ -207,6 +225,8 @@ def _route_round(
     pause()
     if route is None or route.straight:
         return FoundRoutes([], [])
+    blocked.is_so = True
+    pause()
     if route.least_time > within:
         return None
     plan = planned(scene, threat_zones=zones)
