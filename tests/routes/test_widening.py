@@ -59,3 +59,10 @@ def test_a_straight_route_stays_and_a_bound_is_kept() -> None:
 def test_a_route_shorter_than_its_ends_stays() -> None:
     line = np.array([[0.0, 0.0], [0.2, 0.0]])
     assert widened(line, ConvexPolygons([]), OPEN, RADIUS, (2, 2)) is line
+
+
+def test_a_route_that_cuts_through_a_wall_where_there_is_no_room_stays_finite() -> None:
+    walls = [wall(1.0, -4.0, 1.6, 4.0), wall(-3.0, -4.6, 1.0, -4.0), wall(-3.0, 4.0, 1.0, 4.6)]
+    line = np.array([[0.3204, 0.6828], [1.182, -0.3091], [1.4538, 3.5713], [1.0297, 4.4912], [8.0, 0.0]])
+    found = widened(line, ConvexPolygons(walls), OPEN, 0.73, (2, 1))
+    assert np.isfinite(found).all() and np.array_equal(found[[0, -1]], line[[0, -1]])
