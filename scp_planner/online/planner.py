@@ -25,10 +25,10 @@ from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.over_map import MapRouteAhead, RouteAhead
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
+from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
 from scp_planner.scenario.models import Scenario, Steering
@@ -154,7 +154,7 @@ class Planner(Changeable):
         """Plan in a scene from now on: for the leg under way, the ground along a route over the map, or all of it."""
         following = Following.of(given.vehicle, self._online, self._tube)
         onward = self._legs is not None and self._legs.onward
-        routed = self._route is not None and (given.ground is not None or self._route.asked.guide is None)
+        routed = self._route is not None or given.ground is not None
         self._means = Means(
             given, self.settings, self._online, self._inbox, following, self._units, solver, onward, routed
         )

@@ -1,8 +1,8 @@
 """Routes while driving: round what stands, and over a map, in whose local ground along the route trips are planned.
 
-Routes are looked for in a share of the time of each replan; one that trips over the straight guide do not serve is
-their guide. Over a map the ground is a corridor for trips; manoeuvres and the safety gate ask the cells. There the last
-plan is driven, as long as it can be left for a certified stop, until there is a route.
+Routes are looked for in a share of the time of each replan. A route is the guide of trips where the straight guide does
+not do. Over a map the ground is a corridor for trips; manoeuvres and the safety gate ask the cells. There the last plan
+is driven, as long as it can be left for a certified stop, until there is a route.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from scp_planner.routes.over_map import MapRoutes, straightened
 from scp_planner.routes.roadmap import Roadmap
 from scp_planner.scenario.checks import room_on_map
 from scp_planner.scenario.limits import Box, Limits
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import changed
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -44,13 +44,13 @@ from scp_planner.trips.trip import Trip
 
 
 @dataclass(frozen=True)
-class OnlineMapParameters:
+class RouteAheadParameters:
     patience: float = 3.0  # Units of time without a trip to the goal, until another route is looked for
     gain: float = 0.02  # Share by which another route must be shorter than what is left, for the vehicle to change over
     share: float = 0.5  # Of the time up to a deadline, for the search
 
 
-ONLINE_MAP = OnlineMapParameters()
+ROUTE_AHEAD = RouteAheadParameters()
 SOUGHT = Reason(ReasonCode.OUT_OF_TIME, "A route to the goal is being looked for.")
 NO_ROUTE = Reason(ReasonCode.BLOCKED, "No way over the map to the goal is found.", NAME)
 ON_CELLS = Reason(ReasonCode.BLOCKED, "The vehicle is on occupied cells of the map.", NAME)
@@ -66,10 +66,10 @@ class FoundRoutes:
 
 
 @dataclass
-class Blocked:
-    """Says of the straight way to the goal whether a search for a route has found it blocked."""
+class StraightWay:
+    """The straight way to the goal, as far as a search for a route has come to know it."""
 
-    is_so: bool = False
+    blocked: bool = False
 
 
 class RouteAhead:
@@ -81,7 +81,7 @@ class RouteAhead:
         self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
         self._due = True
         self._stuck = False  # There was no trip to the goal for long
-        self._blocked = Blocked()
+        self._straight = StraightWay()
         self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
@@ -93,13 +93,13 @@ class RouteAhead:
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
         found = self._looked(now, means)
-        self.none = SOUGHT if self._due and self._blocked.is_so and not self._stuck else None
+        self.none = SOUGHT if self._due and self._straight.blocked and not self._stuck else None
         return found
 
     def _looked(self, now: Replan, means: Means) -> bool:
         state, leads = now.moment.state, self._leads(now, means)
         if leads:
-            self._again = state.time + ONLINE_MAP.patience
+            self._again = state.time + ROUTE_AHEAD.patience
         elif state.time >= self._again and not means.arrival.is_there(state.position):
             self._due, self._stuck, self._again = True, True, np.inf
         return self._due and self._searched(now, means, leads)
@@ -114,19 +114,19 @@ class RouteAhead:
         if self._search is None or (state.speed <= STOPS.standing and not means.stays(self._from, state)):
             self._from = state
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
-            within = (left if self.none is None else np.inf) * (1.0 - ONLINE_MAP.gain)
+            within = (left if self.none is None else np.inf) * (1.0 - ROUTE_AHEAD.gain)
             self._search = Coroutine(self._searching(now, means, within))
-        if not self._search.resume(now.clock + ONLINE_MAP.share * (now.deadline - now.clock)):
+        if not self._search.resume(now.clock + ROUTE_AHEAD.share * (now.deadline - now.clock)):
             return False
         found, self._search, self._due = self._search.result, None, False
-        self._again = state.time + ONLINE_MAP.patience
+        self._again = state.time + ROUTE_AHEAD.patience
         return self._take(found, now, means)
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         """Return the search for a route that takes so long at most, s."""
         scene = changed(means.scenario_at(now.moment.state), guide=None)
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._blocked)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._straight)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -206,12 +206,9 @@ def _route_round(
     settings: SceneSettings,
     within: float,
     stuck: bool,
-    blocked: Blocked,
+    straight: StraightWay,
 ) -> FoundRoutes | None:
-    """Find the fastest way round what stands, where trips over the straight guide do not do.
-
-    None if it takes longer than a time, s.
-    """
+    """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s."""
     frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
     limits = Limits.of(scene, settings.limit_margin).rounded()
     batch = ZoneBatch.of(zones, frame, scene.vehicle.radius + settings.clearance_margin).rounded()
@@ -222,20 +219,17 @@ def _route_round(
         route = next(roadmap.routes(), None)
     except TooLargeError:
         route = None
-    pause()
     if route is None or route.straight:
         return FoundRoutes([], [])
-    blocked.is_so = True
+    straight.blocked = True
     pause()
     if route.least_time > within:
         return None
     plan = planned(scene, threat_zones=zones)
     if not plan.certified or (plan.trip.trajectory.space.guide.straight and not stuck):
         return FoundRoutes([], [])
-    times = np.linspace(0.0, 1.0, OVER_MAP.places) * plan.trip.trajectory.travel_time
-    places = plan.trip.frame.to_world(plan.trip.positions_at(plan.trip.frame.time + times))
-    inner = straightened(places, OVER_MAP.straight * scene.vehicle.radius)[1:-1]
-    return FoundRoutes([np.concatenate([[scene.start.position], inner, [scene.goal.position]])], [])
+    line = straightened(_ahead(plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
+    return FoundRoutes([np.concatenate([line[:-1], [scene.goal.position]])], [])
 
 
 def _routes(
@@ -261,7 +255,7 @@ def _routes(
     return FoundRoutes(lines, ground_along(routes, lines))
 
 
-def _ahead(trip: Trip, state: State) -> Array:
+def _ahead(trip: Trip, state: State | Start) -> Array:
     """Return places (n, 2) m on what is left of a trip, from a state on."""
     times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, OVER_MAP.places)
     return np.concatenate([[state.position], trip.frame.to_world(trip.positions_at(times[1:]))])

@@ -84,10 +84,8 @@ class Braking(ABC):
         if zones.size == 0:
             return np.where(fit, np.inf, -np.inf)
         position = path.points(path.parameter_at(driven.ravel())).position
-        times, places = (
-            [before, (leads[:, None] + stops.after).ravel()],
-            [kept.path.position[: STOPS.samples], position],
-        )
+        times = [before, (leads[:, None] + stops.after).ravel()]
+        places = [kept.path.position[: STOPS.samples], position]
         if wait > 0.0:
             # They do not grow beyond when the last of these stops stands: up to then nothing else is looked at.
             stands = leads + stops.lasts

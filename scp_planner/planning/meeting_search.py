@@ -179,10 +179,8 @@ class MeetingSearch:
         return min(self._cleared(wanted, early), late)
 
     def _within_reach(self, wanted: float, early: float) -> float:
-        """The first time from one on, s, at which the vehicle can have driven to the target; else one back to another.
-
-        Once the target has got away for good, it is met before that, or never.
-        """
+        """The first time from one on, s, at which the target is within reach; or else one nearer to another."""
+        # Once the target has got away for good, it is met before that, or never.
         again = first_meeting(self.scenario, self.target, wanted)
         while again == inf and wanted - early > MEETING.jump * early:
             wanted = 0.5 * (early + wanted)
@@ -304,10 +302,7 @@ class MeetingSearch:
 
 
 def _turned(best: ScpRun, task: Task, breakpoints: tuple[float, ...] | None) -> tuple[CheckedRuns, Array]:
-    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal.
-
-    Breakpoints of the acceleration are those of the limits, unless others are given.
-    """
+    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal."""
     trip, start = best.trajectory, task.scenario.start.position
     scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
     runs = CheckedRuns(task, trip.space.guide.in_units(scale), breakpoints, len(trip.space.path.widths))
