@@ -246,10 +246,18 @@ class Means:
         guide = self._guide(now, scenario, settings)
         problem = build_problem(scenario, (), settings, self.breakpoints, guide)
         batch = self.foreseen(batch)
-        spare = self.settings.clearance_margin + self.following.room
+        spare = np.full(batch.size, self.settings.clearance_margin + self.following.room)
         if not self.gives_way_late:
-            spare += REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
-        return problem.among(batch.inflated(np.full(batch.size, spare)))
+            spare += self._spared(problem, batch)
+        return problem.among(batch.inflated(spare))
+
+    def _spared(self, problem: Problem, batch: ZoneBatch) -> Array:
+        """Clearances (L,), m, to spare where the vehicle gives way early: at most half of what there is at the goal."""
+        spare = REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
+        arrival = np.array([self.least_time(problem.scenario)])
+        goal = problem.frame.to_frame(np.array([problem.scenario.goal.position]))
+        (left,) = batch.distances(arrival, goal, 2.0 * spare)
+        return np.where(left > 0.0, np.minimum(0.5 * left, spare), spare)
 
     def _guide(self, now: Replan, scenario: Scenario, settings: SceneSettings) -> Guide | None:
         """The guide of trips: where that turns about, along what is left of the last trip, led to the goal."""

@@ -52,6 +52,7 @@ from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
 
 logger = logging.getLogger(__name__)
+JUMP = 1e-3  # Units of time before a break of a zone, at which it is what it was
 PREDICTED_TIMES = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 
@@ -348,17 +349,19 @@ class ObstacleTracks:
         """Zones of tracks, each from an estimate of its own."""
         estimates = predicted_together([self._estimate(track) for track in tracks])
         regions = [self._computed(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
-        if self.sizes is None:
-            return [region.zone() for region in regions]
-        # what a zone with its heading allows for is no covariance of a position alone
-        turn = [headings and track.body.turning is not None for track in tracks]
-        some = [k for k, track in enumerate(tracks) if track.given is None and track.settled and not turn[k]]
-        sized = self.sizes.sized([tracks[k] for k in some], [regions[k].uncut for k in some])
-        made = dict(zip(some, sized, strict=True))
+        made: dict[int, ThreatZone] = {}
+        if self.sizes is not None:
+            # what a zone with its heading allows for is no covariance of a position alone
+            turn = [headings and track.body.turning is not None for track in tracks]
+            some = [k for k, track in enumerate(tracks) if track.given is None and track.settled and not turn[k]]
+            sized = self.sizes.sized([tracks[k] for k in some], [regions[k].uncut for k in some])
+            made = dict(zip(some, sized, strict=True))
         zones = [region.resized(made.get(k, region.uncut)).zone() for k, region in enumerate(regions)]
-        for k, zone in made.items():
-            tracks[k].keep_prediction()
-            tracks[k].zone = None if zone is regions[k].uncut else zones[k]
+        for k, (track, region) in enumerate(zip(tracks, regions, strict=True)):
+            if region.stands is not None or made.get(k, region.uncut) is not region.uncut:
+                track.zone = zones[k]
+            if k in made:
+                track.keep_prediction()
         return zones
 
     def _computed(self, track: ObstacleTrack, estimate: MotionEstimate, *more: Any) -> EstimatedRegion:
@@ -381,7 +384,7 @@ class ObstacleTracks:
         track.seen_noise = estimate.noise_covariance if track.estimates_noise else None
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin, track.model.bounds)
-        return estimated_region(shaped, estimate, self.confidence, level.estimated, start)
+        return estimated_region(shaped, estimate, self.confidence, level.estimated, start, track.stand)
 
     def learning(self) -> dict[str, Learning]:
         some = [track for track in self.tracks.values() if learns(track)]
@@ -401,7 +404,11 @@ class ObstacleTracks:
     def _predicted(self, zone: ThreatZone) -> Course:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
-        times = float(zone.centers.breakpoints[0, 0]) + PREDICTED_TIMES
+        assert zone.covariances is not None, "it is estimated"
+        begin, *breaks, _ = zone.covariances.breakpoints[0]
+        # at a break it may jump
+        times = np.unique(np.concatenate([begin + PREDICTED_TIMES, breaks, np.subtract(breaks, JUMP)]))
+        times = times[times >= begin]
         scale = marginal_scale(str(self.confidence.level), self.confidence.probability, len(times), uncertain)
         covariances = zone.covariance(times) / (scale * (1.0 + TRACKS.interpolated))
         return Course.model_construct(

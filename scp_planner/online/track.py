@@ -19,7 +19,7 @@ from scp_planner.scenario.models import Model, Observations
 from scp_planner.scenario.motions import GivenMotion, is_uncertain
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
-from scp_planner.threat_zones.of_scenario import Body
+from scp_planner.threat_zones.of_scenario import Body, covering_radius
 from scp_planner.threat_zones.reach import NO_BOUNDS
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.estimate import given_prior, tracked_motion
@@ -27,6 +27,8 @@ from scp_planner.tracking.estimators import TrackEstimator
 from scp_planner.tracking.maximum_likelihood import MotionPrior, estimate_motion
 from scp_planner.tracking.motion_estimate import MotionEstimate
 from scp_planner.tracking.predictions import KEPT, Prediction
+from scp_planner.tracking.process_estimate import ProcessEstimate
+from scp_planner.tracking.standing import Stand
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class TrackParameters:
     interpolated: float = 0.01  # Share of a variance that interpolation between the times of zones loses, at most
     # Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together
     most_turning: int = 12
+    sway: float = 0.2  # Of its radius, by which what stands moves
 
 
 TRACKS = TrackParameters()
@@ -98,6 +101,7 @@ class ObstacleTrack:
     seen_noise: Array | None = None  # (2, 2) Noise with that, m^2, where it is estimated from what was seen
     predictions: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
     suspected: bool = False
+    stand: Stand | None = None
     zone: ThreatZone | None = None  # The last one, as long as it is not what the estimate makes alone
     made: GivenZones | None = None
 
@@ -223,6 +227,9 @@ class ObstacleTrack:
                 estimator.update(one.time, one.position, self.noise_of(one.covariance))
             except EstimationError as error:
                 logger.info("obstacle %s: an observation is not used: %s", self.id, error)
+            else:
+                if self.model.process is not None:
+                    self._stand_on(estimator.estimate(None))
 
     def begin(self) -> TrackEstimator:
         """Begin with an estimator that has seen nothing."""
@@ -239,6 +246,7 @@ class ObstacleTrack:
             self.estimator.close()
         self.fixed = self.estimator = self.predicted = self.zone = None
         self.given, self.suspects = given, []
+        self._stand_on(tracked_motion(given, self.model))
         self.predictions.clear()
         self.history = [Seen(given.time, given.position)]  # so it is known when it was heard of last
 
@@ -288,6 +296,11 @@ class ObstacleTrack:
             noise = np.array([self.noise_of(one.covariance) for one in self.history])
             prior, positions = prior_of(self.newcomers, self.model.order), [one.position for one in self.history]
             return estimate_motion(self.times, positions, noise, self.model.order, prior)
+
+    def _stand_on(self, estimate: MotionEstimate) -> None:
+        """Find out whether it still stands where it has."""
+        if isinstance(estimate, ProcessEstimate):
+            self.stand = Stand.after(self.stand, estimate, TRACKS.sway * covering_radius(self.shape))
 
     @property
     def _prior(self) -> MotionPrior | None:

@@ -24,7 +24,7 @@ from scp_planner.scenario.models import Confidence, Goal, Model, Obstacle, Passa
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits, changed
-from scp_planner.threat_zones.reach import NO_BOUNDS, VELOCITY_SHARE, Reach, within_reach
+from scp_planner.threat_zones.reach import NO_BOUNDS, VELOCITY_SHARE, Reach, followed, within_reach
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.tolerances import FLATTEST
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
@@ -33,6 +33,7 @@ from scp_planner.tracking.motion_estimate import HORIZON
 if TYPE_CHECKING:
     from scp_planner.threat_zones.widening import Widening
     from scp_planner.tracking.motion_estimate import MotionEstimate
+    from scp_planner.tracking.standing import Stand
 
 logger = logging.getLogger(__name__)
 
@@ -244,6 +245,7 @@ class EstimatedRegion:
     uncut: ThreatZone
     reach: Reach | None = None
     widening: Widening | None = None
+    stands: tuple[Stand, float] | None = None  # That, and the absolute time up to which it goes on, s
 
     def resized(self, uncut: ThreatZone) -> EstimatedRegion:
         """Return the region with covariances of another size: what can be reached begins in one as much larger."""
@@ -259,6 +261,8 @@ class EstimatedRegion:
     def zone(self) -> ThreatZone:
         """Return the zone."""
         found = self.uncut if self.reach is None else within_reach(self.uncut, self.reach)
+        if self.stands is not None:
+            return _standing_first(found, *self.stands)
         if self.widening is None or found.covariances is None:
             return found
         from scp_planner.threat_zones.widening import widened
@@ -266,12 +270,37 @@ class EstimatedRegion:
         return replace(found, covariances=widened(found.covariances, self.widening))
 
 
+def _standing_first(zone: ThreatZone, stand: Stand, until: float) -> ThreatZone:
+    """The region that an obstacle stands in up to a time, s, and then its zone, which begins about that place."""
+    assert zone.covariances is not None, "its motion is estimated"
+    span = zone.centers.breakpoints[:, [0, -1]]
+    place, region = (PiecewisePolynomials(span, each[None, None, None]) for each in (stand.place, stand.region))
+    shift = stand.place - zone.center(until)
+    # E(C) + ball(R) is in E((1 + R / s) C + (R^2 + s R) I) with any s
+    off, size = float(np.hypot(*shift)), float(np.sqrt(np.linalg.eigvalsh(zone.covariance(until))[-1]))
+    grown = (1.0 + off / size) * zone.covariances.coefficients
+    grown[:, :, 0, [0, 2]] += off * (off + size)
+    covariances = replace(zone.covariances, coefficients=grown)
+    return replace(
+        zone,
+        centers=followed(place, zone.centers.plus(shift), until),
+        covariances=followed(region, covariances, until),
+        expected=None if zone.expected is None else followed(place, zone.expected.plus(shift), until),
+    )
+
+
 def estimated_region(
-    obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
+    obstacle: Embodied,
+    estimate: MotionEstimate,
+    confidence: Confidence,
+    estimated: int,
+    start: float,
+    stand: Stand | None = None,
 ) -> EstimatedRegion:
     """Return what the zone of an obstacle is made of whose motion is estimated."""
     from scp_planner.threat_zones.widening import HEADINGS, Split, widening_of
     from scp_planner.tracking.motion_estimate import region_scale
+    from scp_planner.tracking.standing import STANDING
 
     body, widening = obstacle.body, None
     level, probability, sharing = str(confidence.level), confidence.probability, estimated
@@ -282,6 +311,11 @@ def estimated_region(
         if widening is not None:
             spent += HEADINGS.heading_share
             body = Body(0.0, shape_outlines(obstacle.shape, widening.heading))
+    stands = None
+    if stand is not None and body.turning is None:
+        until = min(stand.until(STANDING.share * split.alpha), start + 0.5 * HORIZON)
+        if until - start >= STANDING.least:
+            spent, stands = spent + STANDING.share, (stand, until)
     if bounded:
         spent, begin = spent + VELOCITY_SHARE, min(start, estimate.reference_time)
     if spent > 0.0:
@@ -299,7 +333,7 @@ def estimated_region(
     reach = None
     if bounded:
         reach = Reach.of(estimate, begin, scale, split.spending(VELOCITY_SHARE), obstacle.bounds)
-    return EstimatedRegion(zone, reach, widening)
+    return EstimatedRegion(zone, reach, widening, stands)
 
 
 @dataclass(frozen=True)

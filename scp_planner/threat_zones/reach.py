@@ -105,14 +105,14 @@ def within_reach(zone: ThreatZone, reach: Reach) -> ThreatZone:
     since = float(times[first])
     return replace(
         zone,
-        centers=_followed(zone.centers, centers, since),
-        covariances=_followed(zone.covariances, covariances, since),
+        centers=followed(zone.centers, centers, since),
+        covariances=followed(zone.covariances, covariances, since),
         expected=zone.centers,
     )
 
 
-def _followed(first: PiecewisePolynomials, second: PiecewisePolynomials, since: float) -> PiecewisePolynomials:
-    """One piecewise polynomial up to a time, and another one from there."""
+def followed(first: PiecewisePolynomials, second: PiecewisePolynomials, since: float) -> PiecewisePolynomials:
+    """One piecewise polynomial up to a time, s, and another one from there."""
     (before,), (after,) = first.breakpoints[:, :-1], second.breakpoints[:, :-1]
     kept, now = before[before < since], int(np.searchsorted(after, since, "right")) - 1
     begins = np.concatenate([kept, np.maximum(after[now:], since)])

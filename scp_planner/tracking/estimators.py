@@ -131,7 +131,7 @@ class ProcessTrack(TrackEstimator):
         for _ in range(later):
             self._filtered = self._before.pop()
 
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:  # noqa: ARG002 - its model has one
+    def estimate(self, prior: MotionPrior | None) -> ProcessEstimate:  # noqa: ARG002 - its model has one
         last = self._filtered
         assert last is not None, "it has been seen"
         return ProcessEstimate(
