@@ -43,7 +43,7 @@ class Coordinates:
 
     def with_goal_speed(self, y: Array) -> Array:
         """Return y with the accelerations that are free to be corrected, the least that gives the goal speed."""
-        wanted, row = self.problem.ends.goal_speed, self.problem.space.tables.final_speed
+        wanted, row = self.problem.ends.goal_speed, self.problem.space.drive.final_speed
         if wanted is None:
             return y
         met = y.copy()

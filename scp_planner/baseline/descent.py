@@ -199,7 +199,7 @@ class Descent:
         found = self.objective.evaluate(self.coordinates.omega(y), gradient=gradient)
         if not np.isfinite(found.value):
             back = np.zeros_like(y)
-            back[self.coordinates.path_size :] = -DESCENT.outside * self.problem.space.tables.final_distance
+            back[self.coordinates.path_size :] = -DESCENT.outside * self.problem.space.drive.final_distance
             return DESCENT.outside, back
         if found.value < self.best:
             self.best, self.y = found.value, y.copy()

@@ -85,7 +85,7 @@ class PenalisedObjective:
         space, tau = self.problem.space, trip.travel_time
         theta, beta, rho = step[: self.path_size], step[self.path_size : -1], float(step[-1])
         by_tau = 1.0 + (rho + 2.0 * float(beta @ trip.beta)) / tau
-        gain = float(space.tables.final_distance @ trip.beta)
+        gain = float(space.drive.final_distance @ trip.beta)
         rate = by_tau / sqrt(max(space.start_speed**2 + 4.0 * gain * trip.path.arc_length, 1e-300))
         length = trip.path.final_gradient[self.problem.ends.free]
-        return np.concatenate([theta + rate * length, beta - (rate * tau * tau) * space.tables.final_distance])
+        return np.concatenate([theta + rate * length, beta - (rate * tau * tau) * space.drive.final_distance])

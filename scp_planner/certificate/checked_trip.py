@@ -140,7 +140,7 @@ class CheckedTrip:
         points, speed, middle = path.points(parameter), drive.speed[:count], drive.acceleration[:count]
         # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
         acceleration = np.abs(middle)
-        if not trajectory.space.tables.constant:
+        if not trajectory.space.drive.constant:
             acceleration = acceleration + self._jerk_bound(drive.span[:count]) * half
         width = (np.maximum(high - parameter, parameter - low) * (1.0 + 1e-9) + 1e-12) * length
         fastest = speed + acceleration * half

@@ -41,7 +41,7 @@ class CurvatureRate(TwoSidedLimit):
     @cached_property
     def _jumps(self) -> TimeTable:
         space = self.setup.space
-        return space.time_table(space.acceleration.breakpoints[1:-1] if space.tables.constant else np.zeros(0))
+        return space.time_table(space.acceleration.breakpoints[1:-1] if space.drive.constant else np.zeros(0))
 
     def use(self, trip: Trajectory) -> Array:
         sites = self._sites(trip)

@@ -22,7 +22,7 @@ class DriveRows:
         self.theta_size = setup.free_size
         count = space.acceleration_size
         self.equalities = 1
-        speeds = space.tables.speed_control[1:]
+        speeds = space.drive.speed_control[1:]
         self._moves = moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
         self._speeds = speeds[moves]
         # Speeds that are fixed at 0, as at a start from rest, stay as they are
@@ -53,7 +53,7 @@ class DriveRows:
         setup, tau, matrix = self.setup, trip.travel_time, self._fixed.copy()
         # Arrival: v0 tau + C2(1) b = L(theta)
         matrix[0, : self.theta_size] = -trip.path.final_gradient[setup.ends.free]
-        matrix[0, self._beta] = tau * tau * setup.space.tables.final_distance
+        matrix[0, self._beta] = tau * tau * setup.space.drive.final_distance
         matrix[0, -1] = setup.space.start_speed * tau
         np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
         matrix[self._upper, -1] = setup.space.start_speed - self._highest(tau)
@@ -63,10 +63,10 @@ class DriveRows:
     def bounds(self, trip: Trajectory) -> Array:
         """Return the bounds of the rows, (count,): m for the arrival, then m/s of speeds, m/s^2 of accelerations."""
         setup = self.setup
-        tables, v0 = setup.space.tables, setup.space.start_speed
+        v0 = setup.space.start_speed
         tau, beta, path = trip.travel_time, trip.beta, trip.path
         bound = np.empty(self.count)
-        bound[0] = path.arc_length - v0 * tau - tau * tau * float(tables.final_distance @ beta)
+        bound[0] = path.arc_length - v0 * tau - tau * tau * float(setup.space.drive.final_distance @ beta)
         speeds = v0 + tau * (self._speeds @ beta)
         bound[self._upper] = self._highest(tau) - speeds
         bound[self._lower] = speeds - self._still
@@ -147,7 +147,7 @@ class OffsetBounds(Constraint):
 
 def _speed_gradient(setup: Setup, trip: Trajectory, index: Index) -> Array:
     """Gradient of the control points of the speed after the first: dv = tau C1 d beta - (v - v0) rho."""
-    rows = setup.space.tables.speed_control[1:][index]
+    rows = setup.space.drive.speed_control[1:][index]
     rise = trip.travel_time * (rows @ trip.beta)
     return setup.of_drive(trip.travel_time * rows, -rise)
 

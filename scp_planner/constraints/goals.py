@@ -40,7 +40,7 @@ class GoalSpeedRange(Constraint):
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
         space, sign = self.setup.space, np.where(index == 0, 1.0, -1.0)
-        beta, rho = trip.travel_time * space.tables.final_speed, space.start_speed - trip.final_speed
+        beta, rho = trip.travel_time * space.drive.final_speed, space.start_speed - trip.final_speed
         return self.setup.of_drive(sign[:, None] * beta, sign * rho)
 
 

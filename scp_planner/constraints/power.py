@@ -60,5 +60,5 @@ def power(setup: Setup) -> Iterator[Constraint]:
     """Make the limit of a vehicle's motor."""
     if setup.vehicle.max_power is not None:
         # With constant accelerations a v is largest next to their breakpoints.
-        samples = np.zeros(0) if setup.space.tables.constant else setup.equidistant
+        samples = np.zeros(0) if setup.space.drive.constant else setup.equidistant
         yield Power(setup, setup.vehicle.max_power * setup.kept, drive_times(setup, samples))

@@ -56,7 +56,7 @@ class Setup:
 
     def highest_speeds(self, limit: float, tau: float) -> Array:
         """Highest control points of the speed after the first, m/s: a limit, and above it what brakes can reach."""
-        rows, first = self.space.tables.speed_control[1:], self.space.start_speed
+        rows, first = self.space.drive.speed_control[1:], self.space.start_speed
         if first <= limit:
             return np.full(len(rows), limit)
         return np.maximum(first + tau * (rows @ self.lowest_accelerations), limit)

@@ -236,7 +236,7 @@ def spans_between(breaks: Array, first: float, last: float, most: int) -> Index:
 def standing_from(stop: Trajectory) -> float:
     """Time after its start from which on the vehicle stands, s."""
     breaks = stop.space.acceleration.breakpoints
-    speeds = stop.speed_control_points() if stop.space.tables.constant else stop.speed_at(breaks)
+    speeds = stop.speed_control_points() if stop.space.drive.constant else stop.speed_at(breaks)
     moving = np.flatnonzero(speeds > STOPS.standing)
     if not len(moving):
         return 0.0
@@ -271,5 +271,5 @@ def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, f
 def fits(stop: Trajectory) -> bool:
     """True if a stop ends before its path does."""
     tau, space = stop.travel_time, stop.space
-    distance = space.start_speed * tau + tau * tau * float(space.tables.final_distance @ stop.beta)
+    distance = space.start_speed * tau + tau * tau * float(space.drive.final_distance @ stop.beta)
     return distance <= stop.path.driven_length

@@ -66,7 +66,7 @@ def trip_along(problem: Problem, way: Way, smoothing: float = FIT.smoothing) -> 
 
 def _arrives(space: TripSpace, beta: Array, time: float, length: float) -> bool:
     """True if accelerations drive about a length, m, in a time, s."""
-    driven = space.start_speed * time + time * time * float(space.tables.final_distance @ beta)
+    driven = space.start_speed * time + time * time * float(space.drive.final_distance @ beta)
     return abs(driven - length) < FIT.missed * length
 
 
@@ -97,10 +97,10 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
     wanted[-1] *= FIT.arrival_weight
     goal_speed = problem.ends.goal_speed
     if goal_speed is not None:
-        matrix = np.vstack([matrix, FIT.arrival_weight * tau * space.tables.final_speed])
+        matrix = np.vstack([matrix, FIT.arrival_weight * tau * space.drive.final_speed])
         wanted = np.append(wanted, FIT.arrival_weight * (goal_speed - space.start_speed))
     size = space.acceleration_size
-    speeds = tau * space.tables.speed_control[1:]
+    speeds = tau * space.drive.speed_control[1:]
     jerk, most = np.zeros((0, size)), problem.scenario.vehicle.max_jerk
     if most is not None:
         jerk = jerk_matrix(space) / tau

@@ -82,20 +82,14 @@ def _gauss_cell(order: int) -> tuple[Array, Array]:
     return nodes, interpolation / np.arange(1, order + 1)[:, None]
 
 
-class _Tables:
-    """Tables that depend on the splines only: shared between all plans of a process."""
+class _PathTables:
+    """Tables that depend on the spline of the path only: shared between all plans of a process."""
 
-    def __init__(
-        self, path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]
-    ) -> None:
-        self.path = clamped_basis(path_degree, tuple(float(s) for s in np.linspace(0.0, 1.0, path_spans + 1)))
-        self.acceleration: PiecewiseBasis = clamped_basis(acceleration_degree, breakpoints)
-        basis = self.acceleration
-        self._time_basis = _side_by_side(basis, basis.antiderivative, basis.antiderivative.antiderivative)
+    def __init__(self, degree: int, spans: int) -> None:
+        self.path = clamped_basis(degree, tuple(float(s) for s in np.linspace(0.0, 1.0, spans + 1)))
         # The offset's basis and its first two derivatives
         self.bending = _side_by_side(self.path, self.path.derivative, self.path.derivative.derivative)
-        self.speed_control = antiderivative_control_points(acceleration_degree, breakpoints)
-        self.cells = path_spans * CELLS_PER_SPAN
+        self.cells = spans * CELLS_PER_SPAN
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
         self.weights = self.antiderivative.sum(axis=0)
         self.node_weights = np.tile(self.weights, self.cells)
@@ -104,16 +98,12 @@ class _Tables:
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
-        self._slope_pairs, self._pair_places = _pairs_of(self.node_slopes, path_degree, path_spans)
+        self._slope_pairs, self._pair_places = _pairs_of(self.node_slopes, degree, spans)
         self.station_parameters = np.linspace(0.0, 1.0, self.cells + 1)
         self.station_rows = self.path.rows(self.station_parameters)
         self.station_slopes = self.path.derivative.rows(self.station_parameters)
         self.station_bends = self.path.derivative.derivative.rows(self.station_parameters)
-        self.breaks = self.time_table(self.acceleration.breakpoints)
-        self.constant = acceleration_degree == 0  # the acceleration, between its breakpoints
-        self.leverage = _leverage(path_degree, path_spans)
-        self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
-        self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
+        self.leverage = _leverage(degree, spans)
 
     def running_sum(self, parts: Array) -> Array:
         """Sums of what cells contribute, (cells, n), up to their ends and from nothing, (cells + 1, n)."""
@@ -138,6 +128,20 @@ class _Tables:
         size = self.path.size
         form = np.bincount(self._pair_places, local.reshape(spans * pairs), size * size)
         return np.asarray(form, dtype=float).reshape(size, size)
+
+
+class _DriveTables:
+    """Tables that depend on the spline of the acceleration only."""
+
+    def __init__(self, degree: int, breakpoints: tuple[float, ...]) -> None:
+        self.acceleration: PiecewiseBasis = clamped_basis(degree, breakpoints)
+        basis = self.acceleration
+        self._time_basis = _side_by_side(basis, basis.antiderivative, basis.antiderivative.antiderivative)
+        self.speed_control = antiderivative_control_points(degree, breakpoints)
+        self.breaks = self.time_table(self.acceleration.breakpoints)
+        self.constant = degree == 0  # the acceleration, between its breakpoints
+        self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
+        self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
 
     def time_table(self, sigma: Array) -> TimeTable:
         sigma = np.asarray(sigma, dtype=float)
@@ -170,8 +174,13 @@ def _leverage(degree: int, spans: int) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _tables(path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]) -> _Tables:
-    return _Tables(path_degree, path_spans, acceleration_degree, breakpoints)
+def _path_tables(degree: int, spans: int) -> _PathTables:
+    return _PathTables(degree, spans)
+
+
+@lru_cache(maxsize=32)
+def _drive_tables(degree: int, breakpoints: tuple[float, ...]) -> _DriveTables:
+    return _DriveTables(degree, breakpoints)
 
 
 class TripSpace:
@@ -190,11 +199,10 @@ class TripSpace:
         self.guide = guide
         self.length = guide.length
         self.start_speed = float(start_speed)
-        self.tables = _tables(
-            path_degree, path_spans, acceleration_degree, tuple(float(s) for s in acceleration_breakpoints)
-        )
+        self.tables = _path_tables(path_degree, path_spans)
+        self.drive = _drive_tables(acceleration_degree, tuple(float(s) for s in acceleration_breakpoints))
         self.path = self.tables.path
-        self.acceleration = self.tables.acceleration
+        self.acceleration = self.drive.acceleration
         self.frame = None if guide.straight else guide.frame(self.tables.node_parameters * self.length)
         self.station_frame = None if guide.straight else guide.frame(self.tables.station_parameters * self.length)
 
@@ -221,11 +229,11 @@ class TripSpace:
 
     def time_table(self, sigma: Array) -> TimeTable:
         """Return the rows of the acceleration bases at normalised times, (n,)."""
-        return self.tables.time_table(sigma)
+        return self.drive.time_table(sigma)
 
     def travel_time(self, arc_length: float, beta: Array, near: float = 0.0) -> float:
         """Closed form of the travel time ([ZS] section 2)."""
-        gain = float(self.tables.final_distance @ beta)
+        gain = float(self.drive.final_distance @ beta)
         discriminant = self.start_speed**2 + 4.0 * gain * arc_length
         if discriminant < 0.0:
             return float("inf")

@@ -149,11 +149,11 @@ class Trajectory:
     @property
     def final_speed(self) -> float:
         """Speed on arrival, m/s."""
-        return self.space.start_speed + self.travel_time * float(self.space.tables.final_speed @ self.beta)
+        return self.space.start_speed + self.travel_time * float(self.space.drive.final_speed @ self.beta)
 
     def speed_control_points(self) -> Array:
         """Control points of the speed, (K2 + 1,) m/s: its bounds for all times."""
-        return self.space.start_speed + self.travel_time * (self.space.tables.speed_control @ self.beta)
+        return self.space.start_speed + self.travel_time * (self.space.drive.speed_control @ self.beta)
 
     @cached_property
     def _distance(self) -> Array:
@@ -173,7 +173,7 @@ class Trajectory:
 
     def arrivals(self, distance: Array) -> Arrivals:
         """Normalised times and speeds at driven distances, (n,) m; one of the times where it stands."""
-        tau, v0, tables = self.travel_time, self.space.start_speed, self.space.tables
+        tau, v0, tables = self.travel_time, self.space.start_speed, self.space.drive
         breaks = tables.breaks
         driven = (v0 * tau) * breaks.sigma + (tau * tau) * (breaks.distance @ self.beta)
         span = driven[1:-1].searchsorted(distance, "right")

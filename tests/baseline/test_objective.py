@@ -268,7 +268,7 @@ def test_at_the_border_of_the_domain_the_trip_ends_standing() -> None:
     objective = objective_of(problem, 0.0)
     omega = np.zeros(objective.size)
     length = objective.trajectory(omega).path.arc_length
-    gain = float(problem.space.tables.final_distance.sum())
+    gain = float(problem.space.drive.final_distance.sum())
     border = -(problem.space.start_speed**2) / (4.0 * gain * length)
     omega[objective.path_size :] = border * (1.0 - 1e-12)
     assert objective.value(omega) == pytest.approx(2.0 * length / problem.space.start_speed, rel=1e-5)

@@ -81,9 +81,9 @@ def test_arrival_speed_and_acceleration_rows(degree: int, made: Made) -> None:
     matrix, bound, limits = drive.matrix(trip), drive.bounds(trip), problem.limits
 
     def arrival(other: Trajectory) -> Array:
-        tables, v0 = problem.space.tables, problem.space.start_speed
+        final, v0 = problem.space.drive.final_distance, problem.space.start_speed
         tau = other.travel_time
-        driven = v0 * tau + tau**2 * float(tables.final_distance @ other.beta)
+        driven = v0 * tau + tau**2 * float(final @ other.beta)
         return np.array([driven - other.path.arc_length])
 
     assert_rows(matrix[:1], differences(problem, trip, arrival, 1e-5))
