@@ -18,10 +18,12 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.meeting import first_meeting
+from scp_planner.constraints.ends import end_conditions
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.planning.attempts import ATTEMPTS
 from scp_planner.planning.refinements import over_other_breakpoints
 from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
@@ -38,7 +40,7 @@ logger = logging.getLogger(__name__)
 class MeetingSettings:
     """Precision and work of the search for the time of a meeting."""
 
-    dilated: float = 0.5  # of the margin of limits: so much a trip may be dilated
+    dilated: float = 0.5  # of the margin of limits: by so much of its length a trip's end may be moved
     rounding: float = 1e-9  # relative, of the time of the meeting
     looks: int = 129  # at times at which something may cover the place to meet
     closer_looks: int = 3  # between two of them
@@ -68,7 +70,7 @@ class MeetingSearch:
     """
 
     def __init__(self, task: Task, scenario: Scenario, target: TargetMotion, least: float, searched: Searched) -> None:
-        # The trip that arrives with the target is certified; where it fails, so are those before
+        # The trip that arrives with the target is certified; the next ones keep what was missed
         self.task, self.scenario, self.target = replace(task, provisional=True), scenario, target
         self._searched = searched
         earliest = scenario.goal.earliest_arrival or scenario.start.time
@@ -78,6 +80,7 @@ class MeetingSearch:
         self._late = NONE_EARLY  # earliest time, s, at which a trip comes early, and that
         self._shut = 0.0  # latest time of a meeting to which no trip was found, s
         self._frame = PlanningFrame(scenario.start.position, 0.0, scenario.start.time)
+        self._missed: list[ScpRun] = []  # trips that meet the target, but are not certified
         self._waits = False  # True if trips come early to the next time, and late to times before it
         self._held = False  # True if those that waited until such a time came late: they wait until later ones
 
@@ -90,7 +93,8 @@ class MeetingSearch:
         led_from: ScpRun | None = None  # the one that arrives early at the earliest time; else the last one
         met: ScpRun | None = None
         for _ in range(MEETING.trips):
-            found = led = None if led_from is None else self._led_to(led_from, time, checked=met is not None)
+            again: ScpRun | None = None
+            found = led = None if led_from is None else self._led_to(led_from, time)
             known = found if found is not None and found.holds else None
             if searches < MEETING.searches and (known is None or self._unsure(known, time, searched)):
                 other = self._searched(self._task_at(time), known)
@@ -113,12 +117,16 @@ class MeetingSearch:
             before, time = time, self._next(found if found.holds else led_from)
             if searches == MEETING.searches and (led_from is None or (time == before and not found.holds)):
                 break
-            if met is not None and self.task.provisional:  # with certificates trips take longer
-                self.task, self._points, self._surely = replace(self.task, provisional=False), [], []
-                self._late = NONE_EARLY
-                searched, searches = 0.0, 0
+            if again is not None:
+                self._ask_for_more(again)
         assert found is not None, "there is a first trip"
         return met or found.runs.judged(found.run, self.scenario)
+
+    def _ask_for_more(self, failed: ScpRun) -> None:
+        """Have trips keep what the certificate of one that meets the target found missing: they take longer."""
+        self._missed.append(failed)
+        self.task = replace(self.task, provisional=len(self._missed) <= TIGHTENINGS)
+        self._points, self._surely, self._late = [], [], NONE_EARLY
 
     def _kept(self, found: ScpRun, time: float) -> ScpRun:
         """Note how late a trip comes to a meeting after a time, s; return the one that others are led from."""
@@ -250,61 +258,52 @@ class MeetingSearch:
             goal = changed(goal, earliest_arrival=arrival, latest_arrival=arrival if on_time else goal.latest_arrival)
         return replace(self.task, scenario=changed(scenario, goal=goal))
 
-    def _led_to(self, best: ScpRun, time: float, *, checked: bool) -> ScpRun:
+    def _led_to(self, best: ScpRun, time: float) -> ScpRun:
         """Go on from a trip to the same one, turned and scaled to end where the target is at another time."""
         # Margin and tolerance cost more time, the slower the vehicle gains on the target.
         gains, task = self._gains(best, time), self._task_at(time, on_time=True)
         given = for_scene(self.task.settings)
         finer = replace(given, limit_margin=gains * given.limit_margin, tolerance=gains * given.tolerance)
+        turned = _turned(best, task)
         # Speeds to match change with the time, and so does the share of it at which the drive to them switches.
-        runs, theta = _turned(best, replace(task, settings=finer), None)
-        begin = over_other_breakpoints(runs.problem, best.trajectory, theta)
-        return runs.attempt(begin, loop=runs.patient_loop) if checked else runs.unchecked(begin)
+        runs = CheckedRuns(replace(task, settings=finer), turned.space.guide, spans=len(turned.space.path.widths))
+        begin = over_other_breakpoints(runs.problem, best.trajectory, turned.theta)
+        if self.task.provisional:
+            return runs.unchecked(begin, self._missed)
+        return runs.attempt(begin, loop=runs.patient_loop)
 
     def _met(self, best: ScpRun, time: float, *, exact: bool) -> ScpRun | None:
         """The trip to a place of the target, turned and dilated to arrive with it; None if it would change by too much.
 
         Its speeds stay as they are, and accelerations and curvatures change by as much as its length does.
         """
-        gains, begin, trip = self._gains(best, time), self.scenario.start, best.trajectory
+        gains, trip = self._gains(best, time), best.trajectory
         if not exact and gains < MEETING.fast_gain:
             return None
         most = max(MEETING.dilated * gains * for_scene(self.task.settings).limit_margin, MEETING.rounding)
-        pace = trip.travel_time / dist(begin.position, best.runs.task.scenario.goal.position)
-        meeting, breakpoints = trip.travel_time, tuple(trip.space.acceleration.breakpoints.tolist())
+        before, late, meeting = time, trip.travel_time - time, trip.travel_time
         for _ in range(MEETING.dilations):
-            meeting = self._time_at(pace, meeting)
-            scale = meeting / trip.travel_time
-            if not abs(scale - 1.0) <= most:
-                return None
             task = replace(self._task_at(meeting), settings=best.runs.task.settings)
-            runs, theta = _turned(best, task, breakpoints)
-            led = Trajectory.of(runs.problem.space, theta, trip.beta / scale, meeting)
-            if abs(led.travel_time - meeting) <= MEETING.rounding * meeting:
+            moved = dist(task.scenario.goal.position, best.runs.task.scenario.goal.position)
+            if not moved <= most * dist(task.scenario.start.position, task.scenario.goal.position):
+                return None
+            led = _turned(best, task)
+            late, missed = led.travel_time - meeting, late
+            if abs(late) <= MEETING.rounding * meeting:
                 run = replace(best.run, evaluation=replace(best.run.evaluation, trajectory=led))
-                return runs.judged(run, self.scenario)
-            pace *= led.travel_time / meeting
+                return CheckedRuns.over(task, led.space).judged(run, self.scenario)
+            if late == missed:
+                return None
+            before, meeting = meeting, meeting - late * (meeting - before) / (late - missed)
         return None
 
-    def _time_at(self, pace: float, near: float) -> float:
-        """Time near another one, s, after which a trip of so many s a m, from the start, meets the target."""
-        begin = self.scenario.start
 
-        def late(time: float) -> float:
-            return pace * dist(begin.position, self.target.place(begin.time + time)) - time
-
-        before, time = near, near + late(near)
-        for _ in range(MEETING.trips):
-            if abs(late(time)) <= 0.1 * MEETING.rounding * time or late(time) == late(before):
-                break
-            before, time = time, time - late(time) * (time - before) / (late(time) - late(before))
-        return time
-
-
-def _turned(best: ScpRun, task: Task, breakpoints: tuple[float, ...] | None) -> tuple[CheckedRuns, Array]:
-    """Runs of a task over the guide of a trip, and its offsets, turned and scaled to end at the task's goal."""
-    trip, start = best.trajectory, task.scenario.start.position
-    scale = dist(start, task.scenario.goal.position) / dist(start, best.runs.task.scenario.goal.position)
-    runs = CheckedRuns(task, trip.space.guide.in_units(scale), breakpoints, len(trip.space.path.widths))
-    ends = runs.problem.ends
-    return runs, ends.around(np.clip(scale * trip.theta, ends.lower, ends.upper)[ends.free])
+def _turned(best: ScpRun, task: Task) -> Trajectory:
+    """The trip of a run, turned and dilated to end at the goal of a task, with the headings of the task's ends."""
+    trip, scenario = best.trajectory, task.scenario
+    start, goal = scenario.start.position, scenario.goal.position
+    scale = dist(start, goal) / dist(start, best.runs.task.scenario.goal.position)
+    space, frame = trip.space.in_units(scale, scale), PlanningFrame.between(start, goal, scenario.start.time)
+    ends = end_conditions(scenario, frame, space, for_scene(task.settings).max_offset)
+    theta = ends.around(np.clip(scale * trip.theta, ends.lower, ends.upper)[ends.free])
+    return Trajectory.of(space, theta, trip.beta / scale, scale * trip.travel_time)
