@@ -238,6 +238,9 @@ class Decision:
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> Vetted | Refusal:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
+        if math.isfinite(now.deadline) and now.last is not None and not now.last.safe:
+            self._put_off = True  # first out of the way, as long as there is time for that
+            return refusal
         if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
             if isinstance(found, Vetted):

@@ -190,7 +190,7 @@ class Evasion:
             near = manoeuvres.within_reach(moment.batch, moment.scenario.vehicle)
             manoeuvres = manoeuvres.few(EVASION.most_samples / max(len(near) * len(manoeuvres.times), 1))
             going_on = None if begun is None else self.outlooks.of_stop(moment, begun, manoeuvres.times)
-            some = self._in_time(now, manoeuvres, len(near), 1.0)
+            some = manoeuvres.few(self._in_time(now, len(near), 1.0))
             seen = self._seen(now, some, near, some is not manoeuvres)
             self._view = _SeenEvasiveManoeuvres(moment, some, near, seen, begun, going_on)
         return self._view
@@ -204,16 +204,17 @@ class Evasion:
         self._each = max(EVASION.pace_kept * self._each, took)
         return seen
 
-    def _in_time(self, now: Replan, manoeuvres: EvasiveManoeuvres, zones: int, takes: float) -> EvasiveManoeuvres:
-        """As many manoeuvres as there is time to evaluate, or a few, where that takes so many evaluations of each."""
+    def _in_time(self, now: Replan, zones: int, takes: float) -> float:
+        """Number of manoeuvres that there is time to evaluate, so many times each."""
         each = takes * self._each * max(zones, 1)
-        return manoeuvres.few(max((now.deadline - perf_counter()) / max(each, TIME), EVASION.fewest))
+        return max((now.deadline - perf_counter()) / max(each, TIME), EVASION.fewest)
 
     def _with_time_for_harm(self, now: Replan) -> _SeenEvasiveManoeuvres:
         view = self._looked(now)
-        few = self._in_time(now, view.manoeuvres, len(view.near), EVASION.harm_takes)
-        if few is not view.manoeuvres:
-            view = self._view = replace(view, manoeuvres=few, seen=self._seen(now, few, view.near, True))
+        most = self._in_time(now, len(view.near), EVASION.harm_takes)
+        if most < len(view.seen.worth):
+            few, numbers = view.manoeuvres.best(most, view.seen.worth)
+            view = self._view = replace(view, manoeuvres=few, seen=view.seen.some(numbers))
         return view
 
     def _manoeuvres(self, moment: Moment) -> EvasiveManoeuvres:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -107,8 +107,8 @@ class Family:
     def size(self) -> int:
         return self.length.size
 
-    def every(self, stride: int) -> Family:
-        return Family(self.courses.every(stride), self.profiles, self.lead[::stride], self.length[::stride])
+    def some(self, courses: Index) -> Family:
+        return Family(self.courses.some(courses), self.profiles, self.lead[courses], self.length[courses])
 
     def driven(self, times: Array) -> tuple[Array, Array]:
         """Places (K P, J, 2) m and headings (K P, J) rad at times (J,) s from now."""
@@ -219,7 +219,30 @@ class EvasiveManoeuvres(Driven):
         stride = max(math.ceil(len(self.position) / max(most, 1.0)), 1)
         if stride == 1:
             return self
-        return EvasiveManoeuvres.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
+        return self._of([np.arange(0, len(family.length), stride) for family in self.families])
+
+    def best(self, most: float, worth: Array) -> tuple[EvasiveManoeuvres, Index]:
+        """Return the courses of the manoeuvres of most worth, (C,), and of the first, and the numbers of all theirs.
+
+        They are no more than that, but all of the first course.
+        """
+        sizes = [family.length.shape for family in self.families]
+        edges = np.cumsum([count * profiles for count, profiles in sizes])[:-1]
+        numbers = [each.reshape(size) for each, size in zip(np.split(np.arange(len(worth)), edges), sizes, strict=True)]
+        best = np.concatenate([worth[each].max(axis=1) for each in numbers])
+        best[0] = np.inf
+        order = np.argsort(-best, kind="stable")
+        count = np.concatenate([np.full(*size) for size in sizes])
+        taken = np.zeros(len(best), dtype=bool)
+        taken[order[np.cumsum(count[order]) <= most]] = taken[0] = True
+        courses = np.split(taken, np.cumsum([courses for courses, _ in sizes])[:-1])
+        some = [np.flatnonzero(each) for each in courses]
+        return self._of(some), np.concatenate([each[which].ravel() for each, which in zip(numbers, some, strict=True)])
+
+    def _of(self, courses: Sequence[Index]) -> EvasiveManoeuvres:
+        kept = zip(self.families, courses, strict=True)
+        families = tuple(family.some(each) for family, each in kept if len(each))
+        return EvasiveManoeuvres.sampled(families, self.wait, self.times)
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
         for family in self.families:

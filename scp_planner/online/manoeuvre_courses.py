@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array, unit_vectors
+from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import distinct_knots
@@ -188,9 +188,8 @@ class Courses:
         turn = np.radians([*turns, *(-one for one in turns if 0.0 < one < 180.0)])
         return cls(np.full(len(turn), heading), turn, bend)
 
-    def every(self, stride: int) -> Courses:
-        """Every so manieth of them, from the first one on."""
-        return Courses(self.base[::stride], self.turn[::stride], self.bend)
+    def some(self, which: Index) -> Courses:
+        return Courses(self.base[which], self.turn[which], self.bend)
 
     @cached_property
     def _turning(self) -> Array:

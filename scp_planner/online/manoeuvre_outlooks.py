@@ -73,6 +73,11 @@ class Outlook:
     worth: Array  # (C,)
     lost: Array  # (C,) Way that the vehicle could drive on which it cannot after it, m; nan where that is not looked at
 
+    def some(self, which: Index) -> Outlook:
+        room = Room(self.room.zones, self.room.each[:, which])
+        each = (values[which] for values in (self.clear, self.then, self.worth, self.lost))
+        return Outlook(self.least[which], room, *each)
+
 
 class ManoeuvreOutlooks:
     def __init__(self, means: Means) -> None:
