@@ -173,15 +173,17 @@ class Reference:
                     clear(moved(state, control, time, sign), clock + step * k + time)
             clock = clock + spent[leg]
         start, goal = scenario.start, scenario.goal
-        keep(states[:3, 0] - ca.DM([*start.position, start.heading]), 0.0, 0.0)
+        begin: list[float] = [*start.position, start.heading or 0.0]
+        keep(states[:3, 0] - ca.DM(begin), 0.0, 0.0)
         keep(states[:2, -1] - ca.DM(list(goal.position)), 0.0, 0.0)
-        keep(ca.sin((states[2, -1] - goal.heading) / 2), 0.0, 0.0)
+        keep(ca.sin((states[2, -1] - (goal.heading or 0.0)) / 2), 0.0, 0.0)
         keep(states[3, -1], 0.0, 0.0)
         free = ca.vertcat(ca.vec(states), ca.vec(inputs), spent, waits)
         smooth = 1e-5 * (ca.sumsqr(inputs[1, :]) + 1e-2 * ca.sumsqr(inputs[0, :]))
         problem = {"x": free, "f": ca.sum1(spent) + ca.sum1(waits) + smooth, "g": ca.vertcat(*rows)}
         ipopt = {"print_level": 0, "sb": "yes", "max_iter": 400, "tol": 1e-6, "mu_init": 1e-3}
-        self.solver = ca.nlpsol("legs", "ipopt", problem, {"print_time": False, "error_on_fail": False, "ipopt": ipopt})
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+        self.solver = ca.nlpsol("legs", "ipopt", problem, options)
         self.legs, self.signs, self.low, self.high = legs, signs, np.array(low), np.array(high)
         self.moves, self.curvature = bool(scenario.obstacles), float(vehicle.max_curvature or np.inf)
 
