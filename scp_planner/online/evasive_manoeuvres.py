@@ -226,18 +226,13 @@ class EvasiveManoeuvres(Driven):
 
         They are no more than that, but all of the first course.
         """
-        sizes = [family.length.shape for family in self.families]
-        edges = np.cumsum([count * profiles for count, profiles in sizes])[:-1]
-        numbers = [each.reshape(size) for each, size in zip(np.split(np.arange(len(worth)), edges), sizes, strict=True)]
-        best = np.concatenate([worth[each].max(axis=1) for each in numbers])
+        count = np.concatenate([np.full(*family.length.shape) for family in self.families])
+        best = np.maximum.reduceat(worth, np.cumsum(count) - count)
         best[0] = np.inf
-        order = np.argsort(-best, kind="stable")
-        count = np.concatenate([np.full(*size) for size in sizes])
-        taken = np.zeros(len(best), dtype=bool)
+        order, taken = np.argsort(-best, kind="stable"), np.zeros(len(best), dtype=bool)
         taken[order[np.cumsum(count[order]) <= most]] = taken[0] = True
-        courses = np.split(taken, np.cumsum([courses for courses, _ in sizes])[:-1])
-        some = [np.flatnonzero(each) for each in courses]
-        return self._of(some), np.concatenate([each[which].ravel() for each, which in zip(numbers, some, strict=True)])
+        courses = np.split(taken, np.cumsum([len(family.length) for family in self.families])[:-1])
+        return self._of([np.flatnonzero(each) for each in courses]), np.flatnonzero(np.repeat(taken, count))
 
     def _of(self, courses: Sequence[Index]) -> EvasiveManoeuvres:
         kept = zip(self.families, courses, strict=True)

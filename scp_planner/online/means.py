@@ -248,10 +248,10 @@ class Means:
         batch = self.foreseen(batch)
         spare = np.full(batch.size, self.settings.clearance_margin + self.following.room)
         if not self.gives_way_late:
-            spare += self._spared(problem, batch)
+            spare += self._to_spare(problem, batch)
         return problem.among(batch.inflated(spare))
 
-    def _spared(self, problem: Problem, batch: ZoneBatch) -> Array:
+    def _to_spare(self, problem: Problem, batch: ZoneBatch) -> Array:
         """Clearances (L,), m, to spare where the vehicle gives way early: at most half of what there is at the goal."""
         spare = REPLAN.spare_widths * 2.0 * self.given.vehicle.radius
         arrival = np.array([self.least_time(problem.scenario)])

@@ -83,7 +83,7 @@ class MovingGoal:
         return end < here
 
     def doubt(self, time: float) -> float:
-        """By how much whoever is at the target at a time, s, is inside of the radius round its estimate, m."""
+        """Reduction of the radius, m, so that the target itself is surely within it at a time, s."""
         spread = self.target.covariance(time)
         if spread is None:
             return 0.0

@@ -52,7 +52,7 @@ from scp_planner.tracking.process_estimate import predicted_together
 from scp_planner.tracking.recursive import SquareRoots
 
 logger = logging.getLogger(__name__)
-JUMP = 1e-3  # Units of time before a break of a zone, at which it is what it was
+JUMP = 1e-3  # Units of time before a break of a zone, where it may jump
 PREDICTED_TIMES = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 
@@ -406,7 +406,6 @@ class ObstacleTracks:
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
         assert zone.covariances is not None, "it is estimated"
         begin, *breaks, _ = zone.covariances.breakpoints[0]
-        # at a break it may jump
         times = np.unique(np.concatenate([begin + PREDICTED_TIMES, breaks, np.subtract(breaks, JUMP)]))
         times = times[times >= begin]
         scale = marginal_scale(str(self.confidence.level), self.confidence.probability, len(times), uncertain)

@@ -228,8 +228,7 @@ class ObstacleTrack:
             except EstimationError as error:
                 logger.info("obstacle %s: an observation is not used: %s", self.id, error)
             else:
-                if self.model.process is not None:
-                    self._stand_on(estimator.estimate(None))
+                self._stand_on()
 
     def begin(self) -> TrackEstimator:
         """Begin with an estimator that has seen nothing."""
@@ -246,7 +245,7 @@ class ObstacleTrack:
             self.estimator.close()
         self.fixed = self.estimator = self.predicted = self.zone = None
         self.given, self.suspects = given, []
-        self._stand_on(tracked_motion(given, self.model))
+        self._stand_on()
         self.predictions.clear()
         self.history = [Seen(given.time, given.position)]  # so it is known when it was heard of last
 
@@ -297,8 +296,9 @@ class ObstacleTrack:
             prior, positions = prior_of(self.newcomers, self.model.order), [one.position for one in self.history]
             return estimate_motion(self.times, positions, noise, self.model.order, prior)
 
-    def _stand_on(self, estimate: MotionEstimate) -> None:
-        """Find out whether it still stands where it has."""
+    def _stand_on(self) -> None:
+        """Note whether an obstacle of a process model still stands where it has."""
+        estimate = None if self.model.process is None else self.estimate()
         if isinstance(estimate, ProcessEstimate):
             self.stand = Stand.after(self.stand, estimate, TRACKS.sway * covering_radius(self.shape))
 

@@ -189,10 +189,10 @@ class MeetingSearch:
     def _within_reach(self, wanted: float, early: float) -> float:
         """The first time from one on, s, at which the target is within reach; or else one nearer to another."""
         # Once the target has got away for good, it is met before that, or never.
-        again = first_meeting(self.scenario, self.target, wanted)
-        while again == inf and wanted - early > MEETING.jump * early:
+        while (again := first_meeting(self.scenario, self.target, wanted)) == inf:
+            if wanted - early <= MEETING.jump * early:
+                break
             wanted = 0.5 * (early + wanted)
-            again = first_meeting(self.scenario, self.target, wanted)
         return wanted if again == inf else again
 
     def _cleared(self, time: float, since: float = inf) -> float:

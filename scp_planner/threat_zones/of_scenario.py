@@ -245,7 +245,7 @@ class EstimatedRegion:
     uncut: ThreatZone
     reach: Reach | None = None
     widening: Widening | None = None
-    stands: tuple[Stand, float] | None = None  # That, and the absolute time up to which it goes on, s
+    stands: tuple[Stand, float] | None = None  # The stand, and the absolute time up to which it goes on, s
 
     def resized(self, uncut: ThreatZone) -> EstimatedRegion:
         """Return the region with covariances of another size: what can be reached begins in one as much larger."""

@@ -8,11 +8,14 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.tracking.confidence import NormalErrors
+from scp_planner.tracking.conformal import square_within
 from scp_planner.tracking.process_estimate import ProcessEstimate
 
 
 @dataclass(frozen=True)
 class StandingParameters:
+    """For what they do to trips and to the level see `docs/explanation/zones.md`."""
+
     # Probability to estimate what stands outside of the region that it stands in
     outside: float = 1e-3
     # Share of a zone's error probability that is spent on setting out
@@ -43,13 +46,9 @@ class Stand:
         count, since, place = 0, time, position
         scale = NormalErrors().pointwise_scale(STANDING.outside)
         error = scale * estimate.state_covariance[[0, 0, 1], [0, 1, 1]]
-        if last is not None:
-            region = _region(error, last.count, sway)
-            x, y = position - last.place
-            xx, xy, yy = region
-            if yy * x * x - 2.0 * xy * x * y + xx * y * y <= xx * yy - xy * xy:
-                count, since = last.count, last.since
-                place = last.place + (position - last.place) / (count + 1)
+        if last is not None and square_within(position - last.place, _region(error, last.count, sway)) <= 1.0:
+            count, since = last.count, last.since
+            place = last.place + (position - last.place) / (count + 1)
         return cls(since, time, count + 1, place, _region(error, count + 1, sway))
 
     def until(self, alpha: float) -> float:
