@@ -46,6 +46,7 @@ class RefinementSettings:
     most_path_spans: int = 200
     worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
     notable: float = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
+    mending: float = 0.7  # of the violation of a trip that hardly fails: where shorter spans leave more, they end there
     slowed: float = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
     # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
     unseen: float = 1.0
@@ -97,6 +98,7 @@ def refinements(task: Task) -> list[Refinement]:
     finer = FinerPath(1, most)
     # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes.
     return [
+        FinerNearly(REFINEMENT.finer_paths, most),
         BetterGuide(REFINEMENT.guides, most),
         finer,
         FinerDrive(REFINEMENT.finer, most),
@@ -175,6 +177,24 @@ class FinerPath(Refinement):
         runs = CheckedRuns.over(replace(task, settings=settings), space, spans=spans)
         start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
         return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)
+
+
+class FinerNearly(FinerPath):
+    """Path spans of half the length for a trip that hardly fails, and would be faster than the best."""
+
+    what = "faster path that hardly fails"
+
+    def due(self, search: TripSearch) -> bool:
+        worthwhile = (1.0 - REFINEMENT.notable) * search.cutoff
+        return search.certified and search.nearly is not None and search.nearly.travel_time < worthwhile
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        nearly = search.nearly
+        while nearly is not None and self.promising(search, nearly):
+            before, finer = nearly.run.evaluation.worst_violation, self.further(search, nearly)
+            yield finer
+            mends = finer.hardly_fails and finer.run.evaluation.worst_violation < REFINEMENT.mending * before
+            nearly = finer if mends else None
 
 
 class FinerDrive(Refinement):

@@ -15,7 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.constraints.arrival import EarliestArrival
-from scp_planner.planning.attempts import CheckedRun, ReadyProblem, Tally, met_what_was_left_out
+from scp_planner.planning.attempts import ATTEMPTS, CheckedRun, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.problem.problem import Problem
@@ -119,6 +119,12 @@ class ScpRun(CheckedRun[LoopRun]):
         if self.certificate is None:
             return self.runs.task.provisional and self.run.feasible
         return self.certificate.holds
+
+    @property
+    def hardly_fails(self) -> bool:
+        """True if it ended where no step comes nearer to keeping all constraints, of which it misses little."""
+        stuck = self.run.status is LoopStatus.INFEASIBLE and not self.holds
+        return stuck and self.run.evaluation.worst_violation < ATTEMPTS.hardly
 
 
 class CheckedRuns:

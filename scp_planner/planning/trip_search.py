@@ -34,6 +34,7 @@ class TripSearch(Search[ScpRun]):
         self.runs, self.task, self.known, self.rival = runs, task, known, rival
         self.failed: list[Start] = []
         self.near: ScpRun | None = None  # fails by the least of those that may be faster than the known time
+        self.nearly: ScpRun | None = None  # the fastest of those that hardly fail
         self.from_ways = 0  # runs from ways
         self.cut_off = False  # there was no time for even the first way
 

@@ -211,29 +211,27 @@ def _run_from(search: TripSearch, start: Start) -> ScpRun:
     rival = search.best if search.certified else search.rival
     first = start.trip(FIT.smoothing)
     found = runs.attempt(first, cutoff, rival)
-    if not found.holds and _hardly_infeasible(found) and not search.out_of_time:
+    if found.hardly_fails and not search.out_of_time:
         closer = start.trip(FIT.close_smoothing)
         # Close to a straight way there is nothing to smooth.
         start.exhausted = bool(np.array_equal(first.theta, closer.theta) and np.array_equal(first.beta, closer.beta))
         if not start.exhausted:
             search.tally.tried[CloserWays.what] += 1
             again = runs.attempt(closer, cutoff, rival)
-            start.exhausted = _hardly_infeasible(again)
+            start.exhausted = again.hardly_fails
             found = again if again.better_than(found) else found
     if not search.out_of_time:
         start.touched = _touched(runs.problem, found.trajectory)
-    if found.holds or _hardly_infeasible(found):
+    if found.holds or found.hardly_fails:
         start.missed = start.estimate - found.travel_time
+    if found.hardly_fails:
+        search.nearly = min(search.nearly or found, found, key=lambda run: run.travel_time)
     if found.travel_time < search.known < inf and not found.run.feasible:
         search.near = found if search.near is None or found.wrongs < search.near.wrongs else search.near
     if not (found.run.feasible or search.certified or found.holds):
         search.failed.append(start)
     logger.debug("a way of about %.4f s led to %.4f s", start.estimate, found.travel_time)
     return found
-
-
-def _hardly_infeasible(found: ScpRun) -> bool:
-    return found.run.status is LoopStatus.INFEASIBLE and found.run.evaluation.worst_violation < ATTEMPTS.hardly
 
 
 def _touched(problem: Problem, trip: Trajectory) -> tuple[tuple[int, int], ...]:

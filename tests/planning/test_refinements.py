@@ -13,6 +13,7 @@ from scp_planner.planning.attempts import ATTEMPTS
 from scp_planner.planning.refinements import (
     REFINEMENT,
     FinerDrive,
+    FinerNearly,
     FinerPath,
     may_gain_by_spans,
     over_finer_path,
@@ -34,12 +35,17 @@ pytestmark = pytest.mark.numerics
 DRONE = NaturalUnits.of(drone(1, 1.2)).scenario(drone(1, 1.2))
 
 
-def found_in(scenario: Scenario, arrival_step: float | None = None) -> ScpRun:
+def searched(scenario: Scenario, arrival_step: float | None = None) -> TripSearch:
     task = Task(scenario, sp.zones(scenario), for_scene(Settings()), np.inf, arrival_step=arrival_step)
     search = TripSearch(CheckedRuns(task))
     search.walk(ways_round(search.runs))
-    assert search.best is not None
-    return search.best
+    return search
+
+
+def found_in(scenario: Scenario, arrival_step: float | None = None) -> ScpRun:
+    best = searched(scenario, arrival_step).best
+    assert best is not None
+    return best
 
 
 def going_on_from(best: ScpRun, arrival_step: float | None = None) -> TripSearch:
@@ -102,6 +108,31 @@ def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: S
     run = among.runs.loop.run(through, 0)
     assert run.evaluation.worst_violation > ATTEMPTS.hardly
     assert not may_gain_by_spans(among.runs.judged(run))
+
+
+def test_a_faster_trip_that_hardly_fails_is_mended_by_shorter_spans() -> None:
+    """The way behind both discs needs turns that the usual spans make no trip of; the others lead far round."""
+    obstacles = [
+        disc("near", (2.9, 1.5), (0.58, -1.13), (0.42, 0.32), radius=0.66),
+        disc("far", (2.27, 30.39), (0.32, -2.35), (0.47, -0.53), radius=0.8),
+    ]
+    goal = {"position": (18.29, -4.5), "speed": 0.99, "heading": -2.04}
+    given = scene(*obstacles, goal=goal)
+    search = searched(NaturalUnits.of(given).scenario(given))
+    before, nearly = search.best, search.nearly
+    assert before is not None and before.holds and nearly is not None
+    assert nearly.travel_time < 0.9 * before.travel_time
+    search.walk([FinerNearly(REFINEMENT.finer_paths, np.inf)])
+    assert search.best is not None and search.best.holds
+    assert search.best.travel_time < 0.9 * before.travel_time
+    spans, usual = (len(one.trajectory.space.path.widths) for one in (search.best, nearly))
+    assert spans >= 2 * usual
+
+
+def test_a_trip_that_hardly_fails_and_is_no_faster_stays_as_it_is(among: ScpRun) -> None:
+    search = going_on_from(among)
+    search.nearly = among
+    assert not FinerNearly(REFINEMENT.finer_paths, np.inf).due(search)
 
 
 def test_work_on_a_better_trip_is_bounded(among: ScpRun) -> None:
