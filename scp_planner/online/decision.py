@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
-from scp_planner.online.means import Means, Renewal, Replan
+from scp_planner.online.means import IMPROVEMENT, Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason
 from scp_planner.online.safety_gate import Refusal, Vetted
@@ -106,7 +106,8 @@ class Decision:
             kept = self._means.kept(now, last)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT)
-        due = off or now.cycle - self._improved >= self._improve_every
+        now.improves = off or now.has_time("improvement", *IMPROVEMENT)
+        due = off or (now.cycle - self._improved >= self._improve_every and now.improves)
         if not due and self._unfinished is None:
             kept = self._still_on(now, last)
             if kept is not None:
@@ -238,6 +239,8 @@ class Decision:
     def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> Vetted | Refusal:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
         refusal = Refusal("")
+        if not now.improves:
+            return refusal
         if math.isfinite(now.deadline) and now.last is not None and not now.last.safe:
             self._put_off = True  # first out of the way, as long as there is time for that
             return refusal
@@ -295,8 +298,9 @@ class Decision:
         most = self._means.online.iterations
         if now.last is not None and self._means.safety_gate.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-        run = loop.run(ahead, most, deadline=now.deadline, trust=DECISION.warm_trust, enough=1)
-        now.lap("scp")
+        most = 1 if now.late else most
+        run = loop.run(ahead, most, deadline=now.to_improve, trust=DECISION.warm_trust, enough=1)
+        now.lap("scp", len(run.record))
         return run
 
 

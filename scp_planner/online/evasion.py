@@ -179,7 +179,7 @@ class Evasion:
             now.lap("certificate")
             if found.safe:
                 return found
-            if now.late:
+            if not now.has_time("manoeuvre", "certificate"):
                 break
         return None
 
@@ -207,7 +207,7 @@ class Evasion:
     def _in_time(self, now: Replan, zones: int, takes: float) -> float:
         """Number of manoeuvres that there is time to evaluate, so many times each."""
         each = takes * self._each * max(zones, 1)
-        return max((now.deadline - perf_counter()) / max(each, TIME), EVASION.fewest)
+        return max((now.until("certificate") - perf_counter()) / max(each, TIME), EVASION.fewest)
 
     def _with_time_for_harm(self, now: Replan) -> _SeenEvasiveManoeuvres:
         view = self._looked(now)

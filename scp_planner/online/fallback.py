@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
@@ -110,7 +109,7 @@ class Fallback:
             stop = Stop(trip, trip.frame.time)
             if stop.stands > now.moment.state.time:
                 others.append(stop)
-            if now.late:
+            if not now.has_time("fallback", "certificate"):
                 break
         least = self._evasion.least_harmful(now, others)
         goes_on = begun is not None and least.trip is begun.trip
@@ -163,7 +162,7 @@ class Fallback:
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
         for share in FALLBACK.easings:
-            if perf_counter() > now.deadline:
+            if not now.has_time("fallback", "certificate"):
                 return None
             beta = eased(problem, ahead, share)
             trial = Trajectory(ahead.path, beta, problem.space.travel_time(ahead.path.arc_length, beta))

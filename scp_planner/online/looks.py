@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from scp_planner.online.means import REPLAN, Means, Renewal, Replan
+from scp_planner.online.means import IMPROVEMENT, REPLAN, Means, Renewal, Replan
 from scp_planner.online.reasons import CandidateKind
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.safety_gate import Vetted
@@ -43,7 +43,6 @@ class LookParameters:
     spared: int = 1  # Steps fewer are taken in a replan while there is a plan to drive
     # Steps fewer while there is an evasive manoeuvre or a stop, which is evaluated in the same replan
     spared_falling_back: int = 2
-    starved: int = 5  # Replans without time for a look, of which the last takes one step all the same
     # Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun
     hopeless: float = 0.05
 
@@ -101,7 +100,6 @@ class Looks:
         self._means = means
         self._look: Look | None = None
         self._looked = 0
-        self._starved = 0  # replans in a row that had no time for a look
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a look under way anew."""
@@ -123,8 +121,7 @@ class Looks:
             if _cutoff(now, best) <= self._means.least_time(now.moment.scenario):
                 self._look = None
                 return False
-        self._starved = self._starved + 1 if now.late else 0
-        return self._starved % LOOKS.starved == 0
+        return now.has_time("look", *(IMPROVEMENT if self.under_way else ("problem", "search")))
 
     def look(self, now: Replan, fresh: Renewal, best: Vetted | None) -> Vetted | None:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
@@ -158,8 +155,7 @@ class Looks:
         left = most * self._means.online.first_runs
         if not first:
             left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
-        if self._starved:
-            left = 1
+        left = 1 if now.late else left
         spare: Vetted | None = None
         while left > 0:
             if look.trip is None and not self._begins(now, look):
@@ -204,8 +200,8 @@ class Looks:
             start = remaining_trip(loop.problem, look.trip, now.moment.state, led=led)
             trust = LOOKS.trust if look.steps else LOOP.first_trust
         enough = None if now.aimless else LOOKS.fewest_steps
-        run = loop.run(start, most, cutoff, math.inf if self._starved else now.deadline, trust, enough)
-        now.lap("scp")
+        run = loop.run(start, most, cutoff, now.to_improve, trust, enough)
+        now.lap("scp", len(run.record))
         look.trip, look.steps = (
             Trip(loop.problem.frame, run.evaluation.trajectory),
             look.steps + max(len(run.record), 1),

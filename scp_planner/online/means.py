@@ -22,6 +22,7 @@ from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal
+from scp_planner.online.pace import Pace
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import (
     Candidate,
@@ -78,6 +79,8 @@ class ReplanParameters:
 
 
 REPLAN = ReplanParameters()
+IMPROVEMENT = "problem", "scp", "certificate"
+"""Stages of an improvement of one step."""
 _GOES = {Outcome.REPAIRED: Goes.SLOWER, Outcome.EVADING: Goes.ASIDE, Outcome.BRAKING: Goes.STOPS}
 
 
@@ -90,9 +93,11 @@ class Replan:
     deadline: float  # On the computer's clock, s
     last: OnlinePlan | None  # The last answer
     cycle: int  # Its number
+    pace: Pace
     timings: dict[str, float] = field(default_factory=dict)  # Wall time of each stage, s
     clock: float = 0.0
     aimless: bool = False  # No plan so far leads to the goal
+    improves: bool = True  # There is time to improve what is left of the last trip
     unrouted: Reason | None = None  # Why there is no route over the map
     candidates: dict[int, Candidate] = field(default_factory=dict)  # What was looked at so far, by the ids of trips
 
@@ -101,11 +106,28 @@ class Replan:
         """True if the deadline has passed."""
         return perf_counter() > self.deadline
 
-    def lap(self, stage: str) -> None:
-        """Count the time since the last lap to a stage."""
+    def lap(self, stage: str, steps: int = 1) -> None:
+        """Count the time since the last lap to a stage, of so many steps."""
         clock = perf_counter()
         self.timings[stage] = self.timings.get(stage, 0.0) + clock - self.clock
+        self.pace.took(stage, (clock - self.clock) / max(steps, 1))
         self.clock = clock
+
+    def has_time(self, part: str, *stages: str) -> bool:
+        """True if there is time for a part, of such stages, up to the deadline."""
+        return self.pace.allows(self.deadline, part, *stages)
+
+    @property
+    def to_improve(self) -> float:
+        """Time on the computer's clock up to which a trip is improved, s: then it is certified, or it is evaded.
+
+        Without any time left one step is taken.
+        """
+        return math.inf if self.late else self.until("certificate", "evasion")
+
+    def until(self, *stages: str) -> float:
+        """Time on the computer's clock up to which there is time left for stages, s."""
+        return self.deadline - self.pace.of(*stages)
 
 
 class Means:

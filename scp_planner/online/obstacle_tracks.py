@@ -377,14 +377,13 @@ class ObstacleTracks:
     ) -> EstimatedRegion:
         """The region of one track, as its model has it."""
         start = max(start, estimate.earliest)
-        pieces = estimate.polynomials(start, start + HORIZON)
-        track.predicted = Prediction(
-            start, pieces.center[0], pieces.covariance[0], estimate.errors, PredictionKind.ALONE
-        )
         track.seen_noise = estimate.noise_covariance if track.estimates_noise else None
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin, track.model.bounds)
-        return estimated_region(shaped, estimate, self.confidence, level.estimated, start, track.stand)
+        region = estimated_region(shaped, estimate, self.confidence, level.estimated, start, track.stand)
+        near = region.motion.center[0], region.motion.covariance[0]
+        track.predicted = Prediction(start, *near, estimate.errors, PredictionKind.ALONE)
+        return region
 
     def learning(self) -> dict[str, Learning]:
         some = [track for track in self.tracks.values() if learns(track)]

@@ -25,6 +25,7 @@ from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.pace import Pace
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
@@ -129,6 +130,7 @@ class Planner(Changeable):
         self._cycle = 0
         self._speeding = False
         self.predictor: Predictor | None = None
+        self._pace = Pace()
         self._overrun = 0.0  # s that replans take beyond where they are to end
 
     def _take_up(self, scenario: Scenario, solver: QpSolver) -> None:
@@ -270,7 +272,8 @@ class Planner(Changeable):
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
             self._means.drop_passed(state, self._state, self._last)
-            now = Replan(self._means.moment(state, self._last), began, end, self._last, self._cycle, clock=began)
+            moment = self._means.moment(state, self._last)
+            now = Replan(moment, began, end, self._last, self._cycle, self._pace, clock=began)
             now = self._on_leg(now, reported)
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")

@@ -255,16 +255,14 @@ def standing_trip(like: Trip, frame: PlanningFrame, wait: float) -> Trip:
 def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, float], ahead: float = 0.0) -> bool:
     """True if zones that soon do not grow any more surely keep clear of a place: by the discs that cover them."""
     since, grows, wait = times
-    half = 0.5 * wait / STOPS.wait_samples
-    middle: Array = since + half * np.arange(1.0, 2.0 * STOPS.wait_samples, 2.0)
-    reach = zones.reach(np.array([since + grows]))[0] + ahead
+    knots = zones.centers.breakpoints[:, 1:-1]
+    inner = knots[(knots > since) & (knots < since + wait)]  # none inside of an interval, for its speed to be bounded
+    edges = np.union1d(np.linspace(since, since + wait, STOPS.wait_samples + 1), inner)
+    middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     offset = zones.centers.grid(middle) - position
-    # No knot may lie inside of an interval, for the speed to be bounded; then it is left to the certificate.
-    breaks = zones.centers.breakpoints[:, 1:-1]
-    if np.any((breaks > since) & (breaks < since + wait)):
-        return False
     rates = zones.velocities
-    moved = half * rates.of_pieces(rates.size_bounds(since, since + wait), middle)
+    moved = half[:, None] * rates.of_pieces(rates.size_bounds(since, since + wait), middle)
+    reach = zones.reach(np.array([since + grows]))[0] + ahead
     return bool(np.all(np.hypot(offset[..., 0], offset[..., 1]) >= reach + moved))
 
 

@@ -298,9 +298,16 @@ class ObstacleTrack:
 
     def _stand_on(self) -> None:
         """Note whether an obstacle of a process model still stands where it has."""
-        estimate = None if self.model.process is None else self.estimate()
-        if isinstance(estimate, ProcessEstimate):
-            self.stand = Stand.after(self.stand, estimate, TRACKS.sway * covering_radius(self.shape))
+        if self.model.process is None:
+            return
+        if self.given is not None:
+            now = self.given.time, np.array(self.given.position), np.array(self.given.covariance)
+        else:
+            estimate = self.estimate()
+            if not isinstance(estimate, ProcessEstimate):
+                return
+            now = estimate.reference_time, estimate.mean[0], estimate.state_covariance
+        self.stand = Stand.after(self.stand, *now, TRACKS.sway * covering_radius(self.shape))
 
     @property
     def _prior(self) -> MotionPrior | None:

@@ -32,7 +32,7 @@ from scp_planner.tracking.motion_estimate import HORIZON
 
 if TYPE_CHECKING:
     from scp_planner.threat_zones.widening import Widening
-    from scp_planner.tracking.motion_estimate import MotionEstimate
+    from scp_planner.tracking.motion_estimate import MotionEstimate, MotionPolynomials
     from scp_planner.tracking.standing import Stand
 
 logger = logging.getLogger(__name__)
@@ -242,6 +242,7 @@ class Embodied:
 class EstimatedRegion:
     """Zone of an estimated motion before it is cut to what can be reached, and widened by an uncertain heading."""
 
+    motion: MotionPolynomials
     uncut: ThreatZone
     reach: Reach | None = None
     widening: Widening | None = None
@@ -333,7 +334,7 @@ def estimated_region(
     reach = None
     if bounded:
         reach = Reach.of(estimate, begin, scale, split.spending(VELOCITY_SHARE), obstacle.bounds)
-    return EstimatedRegion(zone, reach, widening, stands)
+    return EstimatedRegion(pieces, zone, reach, widening, stands)
 
 
 @dataclass(frozen=True)

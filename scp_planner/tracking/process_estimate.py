@@ -68,8 +68,13 @@ class Predictions:
 
     def covariances(self, lead: Array) -> Array:
         """Covariances of their errors after lead times (...), s: (n, ..., 2, 2) m^2."""
-        errors = self.rates(lead.ravel())[0].reshape(-1, *lead.shape, 2, 2)
-        return self._inflation(lead)[..., None, None] * errors
+        flat, d = lead.ravel(), self.dynamics.states
+        rows = self.dynamics.transition(flat)[:, 0]
+        products = (rows[:, :, None] * rows[:, None]).reshape(len(flat), -1)
+        states = self.covariance.reshape(-1, d, 2, d, 2).transpose(0, 1, 3, 2, 4).reshape(-1, d * d, 4)
+        errors = (products @ states).reshape(-1, len(flat), 2, 2)
+        errors[..., [0, 1], [0, 1]] += self.dynamics.noise(flat)[:, 0, 0, None]
+        return self._inflation(lead)[..., None, None] * errors.reshape(-1, *lead.shape, 2, 2)
 
     def lengths(self, first: float, last: float) -> Array:
         """Path length of each standardised error between two lead times, s: (n,)."""
@@ -227,7 +232,8 @@ class ProcessEstimate(MotionEstimate):
         check_span(start, stop)
         several, span = self.shared or self._own, (float(self._lead(start)), float(self._lead(stop)))
         found = several.pieces(*span)[self.place]
-        return replace(found, breakpoints=self.reference_time + found.breakpoints)
+        breakpoints = self.reference_time + found.breakpoints
+        return MotionPolynomials(breakpoints, found.center, found.covariance, found.center_error)
 
     def standardised_length(self, start: float, stop: float) -> float:
         if not start <= stop:

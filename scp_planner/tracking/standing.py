@@ -9,7 +9,6 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import square_within
-from scp_planner.tracking.process_estimate import ProcessEstimate
 
 
 @dataclass(frozen=True)
@@ -38,14 +37,13 @@ class Stand:
     region: Array  # (3,) xx, xy, yy of the region's ellipse about it, m^2
 
     @classmethod
-    def after(cls, last: Stand | None, estimate: ProcessEstimate, sway: float) -> Stand:
-        """Go on with an estimate that is newer: it stands on if that is within its region, which allows for sway, m."""
-        time, position = estimate.reference_time, estimate.mean[0]
+    def after(cls, last: Stand | None, time: float, position: Array, covariance: Array, sway: float) -> Stand:
+        """Go on with a newer estimate: it stands on if that is within its region, which allows for sway, m."""
         if last is not None and time <= last.seen:
             return last
         count, since, place = 0, time, position
         scale = NormalErrors().pointwise_scale(STANDING.outside)
-        error = scale * estimate.state_covariance[[0, 0, 1], [0, 1, 1]]
+        error = scale * covariance[[0, 0, 1], [0, 1, 1]]
         if last is not None and square_within(position - last.place, _region(error, last.count, sway)) <= 1.0:
             count, since = last.count, last.since
             place = last.place + (position - last.place) / (count + 1)

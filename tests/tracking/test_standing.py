@@ -24,7 +24,7 @@ def stands(times: np.ndarray, positions: np.ndarray, noise: float) -> list[Stand
     for time, position in zip(times.tolist(), positions.tolist(), strict=True):
         filtered.update(time, (position[0], position[1]), noise**2 * np.eye(2))
         estimate = filtered.estimate(None)
-        last = Stand.after(last, estimate, SWAY)
+        last = Stand.after(last, estimate.reference_time, estimate.mean[0], estimate.state_covariance, SWAY)
         found.append(last)
     return found
 
