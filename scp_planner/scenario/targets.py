@@ -113,6 +113,7 @@ def _time_to_meet(away: Sequence[float], velocity: Sequence[float], speed: float
     half = sum(d * v for d, v in zip(away, velocity, strict=True))
     c = sum(d * d for d in away)
     inside = half * half - a * c
-    if inside < 0.0 or (a >= 0.0 and half >= 0.0):
+    if c == 0.0 or inside < 0.0 or (a >= 0.0 and half >= 0.0):
         return 0.0
-    return c / (math.sqrt(inside) - half) if a < 0.0 or half < 0.0 else 0.0
+    root = math.sqrt(inside)
+    return (root + half) / -a if half > 0.0 else c / (root - half)

@@ -72,6 +72,7 @@ def test_a_target_moves_alike_in_natural_units() -> None:
     ("goal", "more", "place", "said"),
     [
         ({"target": "ship"}, {}, "goal.target", "no obstacle of this id"),
+        ({"target": {"motion": {"position": [1.0, 2.0]}}}, {}, "goal.position", "the start's"),
         ({"target": {}}, {}, "goal.target.motion", "missing"),
         ({"target": {"motion": BOAT["motion"], "obstacle": "boat"}}, {}, "goal.target.obstacle", "left out"),
         ({"target": "boat", "match_velocity": True, "speed": 1.0}, {}, "goal.speed", "match_velocity"),
