@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, dist, inf, sin
+from math import dist, inf
 
 import numpy as np
 
 from scp_planner.certificate.meeting import first_meeting
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.scenario.models import Goal, Scenario
 from scp_planner.scenario.units import changed
@@ -18,8 +19,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 @dataclass(frozen=True)
 class MovingGoalParameters:
-    slowest_gain: float = 0.1  # Share of the top speed at which the vehicle gains on the target at least
-    longest: float = 2.0  # times the time to the meeting, which changes by no more in one replan
     surely: float = 2.0  # Standard deviations of the estimate by which who has met the target is inside of the radius
     widest: float = 0.5  # Share of the radius that this takes at most
 
@@ -93,19 +92,16 @@ class MovingGoal:
     def meeting(self, scenario: Scenario, last: OnlinePlan | None) -> float:
         """Return the absolute time at which the target is met, s; inf if it gets away.
 
-        That is when the last plan arrives, and so much later as the vehicle takes for what its end is short of the
-        target then; and never before the lower bound.
+        The vehicle is taken to come as much later than straight on at full acceleration as by the last plan. Where the
+        target has got away by then, the time is the lower bound.
         """
-        now, top = scenario.start.time, scenario.vehicle.max_speed
-        least = first_meeting(changed(scenario, goal=self.goal), self.target)
+        now = scenario.start.time
+        straight = changed(scenario, goal=self.goal)
+        least = first_meeting(straight, self.target)
         if last is None or least == inf:
             return now + least
-        arrival, heading = last.arrival_time, float(last.heading(last.arrival_time))
-        if self.goal.match_velocity:  # the end of the trip heads as the target does, wherever that comes from
-            return now + max(arrival - now, least)
-        (x, y), (u, v) = self.target.place(arrival), self.target.velocity(arrival)
-        end, ahead = last.position(arrival), (cos(heading), sin(heading))
-        short = (x - end[0]) * ahead[0] + (y - end[1]) * ahead[1]
-        gains = max(top - u * ahead[0] - v * ahead[1], MOVING_GOAL.slowest_gain * top)
-        wanted = arrival - now + float(short) / gains
-        return now + max(min(wanted, MOVING_GOAL.longest * max(arrival - now, least)), least)
+        end = TargetMotion(PiecewisePolynomials.single(now, np.array([last.position(last.arrival_time)])))
+        delay = max(last.arrival_time - now - first_meeting(straight, end), 0.0)
+        delayed = changed(straight, start=changed(straight.start, time=now + delay))
+        met = first_meeting(delayed, self.target)
+        return now + (least if met == inf else delay + met)
