@@ -282,17 +282,18 @@ class Decision:
         assert now.last is not None, "there is a last trip"
         run = self._run(now, loop, ahead)
         evaluation, steps = run.evaluation, len(run.record)
-        found = self._means.vet(now, CandidateKind.IMPROVED, loop.problem, evaluation.trajectory, evaluation, steps)
+        kind, frame = CandidateKind.IMPROVED, loop.problem.frame
+        found = self._means.vet(now, kind, frame, evaluation.trajectory, evaluation, steps)
         finished = evaluation.limit_violation <= FEASIBILITY
         if finished or isinstance(found, Vetted) or -math.inf < found.room < 0.0:
             return found
         kept = None if begun else self._still_on(now, now.last)
         if kept is not None:
-            self._unfinished = Trip(loop.problem.frame, evaluation.trajectory)
+            self._unfinished = Trip(frame, evaluation.trajectory)
             return kept
         run = self._run(now, loop, evaluation.trajectory)
         evaluation, steps = run.evaluation, steps + len(run.record)
-        return self._means.vet(now, CandidateKind.IMPROVED, loop.problem, evaluation.trajectory, evaluation, steps)
+        return self._means.vet(now, kind, frame, evaluation.trajectory, evaluation, steps)
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         most = self._means.online.iterations

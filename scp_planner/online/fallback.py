@@ -169,7 +169,7 @@ class Fallback:
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             # Driven slower, where the last trip was to be left says little.
-            vetted = self._means.vet(now, CandidateKind.SLOWER, problem, trial, branch=np.inf)
+            vetted = self._means.vet(now, CandidateKind.SLOWER, problem.frame, trial, branch=np.inf)
             if isinstance(vetted, Vetted):
                 return vetted
             if -np.inf < vetted.room < -FALLBACK.hopeless * now.moment.scenario.vehicle.radius:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.safety_gate import Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine
+from scp_planner.planning.plan import Plan
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
@@ -67,8 +68,9 @@ class Look:
 
     runs: int
     cutoff: Cutoff
-    starts: Iterator[Trip | None] = field(default_factory=lambda: iter(()))
+    starts: Iterator[Trip | Plan | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
+    whole: bool = False  # It may be driven as it is, where the loop does not get on with it
     steps: int = 0  # ...after so many steps of the loop
     searching: Coroutine[Any] | None = None  # The search for the next start, where it is under way
 
@@ -88,7 +90,8 @@ class Look:
         found, self.searching = self.searching.result, None
         if found is OVER:
             return False
-        self.trip = found
+        self.whole = isinstance(found, Plan)
+        self.trip = found.trip if isinstance(found, Plan) else found
         self.runs -= 0 if found is None else 1
         return True
 
@@ -160,6 +163,7 @@ class Looks:
         while left > 0:
             if look.trip is None and not self._begins(now, look):
                 break
+            whole, look.whole = look.trip if look.whole else None, False
             run = self._go_on(now, fresh.loop, look, min(left, most - look.steps), cutoff)
             evaluation, left = run.evaluation, left - max(len(run.record), 1)
             clear = evaluation.worst_violation <= tolerance
@@ -168,9 +172,13 @@ class Looks:
             hopeful = (
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
             )
+            as_it_is = None if whole is None or (clear and faster) else self._as_it_is(now, whole)
+            if as_it_is is not None and as_it_is.arrival - now.moment.state.time < cutoff:
+                look.trip = None
+                return as_it_is
             if (clear and faster) or hopeful:
                 kind = CandidateKind.ROUTE
-                vetted = self._means.vet(now, kind, fresh.problem, evaluation.trajectory, evaluation, look.steps)
+                vetted = self._means.vet(now, kind, fresh.problem.frame, evaluation.trajectory, evaluation, look.steps)
                 ended = ended or clear
                 if isinstance(vetted, Vetted) and clear and not first:
                     return vetted
@@ -182,6 +190,16 @@ class Looks:
             if now.late or (ended and not first):
                 break
         return spare
+
+    def _as_it_is(self, now: Replan, trip: Trip) -> Vetted | None:
+        """A whole trip from where the vehicle is, begun now where it stands, if it may be driven."""
+        state = now.moment.state
+        if state.speed <= STOPS.standing:
+            trip = Trip(replace(trip.frame, time=state.time), trip.trajectory)
+        if not self._means.safety_gate.is_on(now.moment, trip):
+            return None
+        vetted = self._means.vet(now, CandidateKind.ROUTE, trip.frame, trip.trajectory)
+        return vetted if isinstance(vetted, Vetted) else None
 
     def _begins(self, now: Replan, look: Look) -> bool:
         """Turn to the next way; whether to go on with it at once: the search is work enough for most replans."""

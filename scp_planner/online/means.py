@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
@@ -44,6 +44,7 @@ from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem
+from scp_planner.routes.over_map import MAPS
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits, changed
@@ -163,6 +164,7 @@ class Means:
             self._grown = tuple(one for one in self._ground if one.id == corridor.NAME)
             self._ground = tuple(one for one in self._ground if one.id != corridor.NAME)
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
+        self._missed: Start | None = None  # from which no trip along the route was found
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
@@ -241,7 +243,7 @@ class Means:
         """Return the time that a straight trip without obstacles takes within the limits of the plans, s."""
         return straight_trip_time(scenario, Limits.of(scenario, self.settings.limit_margin))
 
-    def stays(self, before: State | None, state: State) -> bool:
+    def stays(self, before: State | Start | None, state: State | Start) -> bool:
         """True if a vehicle that stands is where it was, but for the speed at which it still counts as standing."""
         if before is None or (before.heading is None) != (state.heading is None):
             return False
@@ -308,7 +310,7 @@ class Means:
         self,
         now: Replan,
         kind: CandidateKind,
-        problem: Problem,
+        frame: PlanningFrame,
         trajectory: Trajectory,
         evaluation: Any = None,
         iterations: int = 0,
@@ -319,9 +321,9 @@ class Means:
             now.moment = self.moment(now.moment.state, now.last)
         if branch is None:
             branch = math.inf if now.last is None else now.last.branch_time
-        vetted = self.safety_gate.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
+        vetted = self.safety_gate.vet(now.moment, frame, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
-        trip = vetted.trip if isinstance(vetted, Vetted) else Trip(problem.frame, trajectory)
+        trip = vetted.trip if isinstance(vetted, Vetted) else Trip(frame, trajectory)
         self.consider(now, kind, trip, vetted)
         return vetted
 
@@ -350,13 +352,15 @@ class Means:
         self.consider(now, CandidateKind.LAST, last.trip, kept)
         return kept
 
-    def starts(self, problem: Problem, cutoff: Callable[[], float], part: int) -> Iterator[Trip | None]:
-        """Give trips along the ways to the goal that may be faster than a cutoff, s."""
+    def starts(self, problem: Problem, cutoff: Callable[[], float], part: int) -> Iterator[Trip | Plan | None]:
+        """Give trips along the ways to the goal that may be faster than a cutoff, s, or a plan in the ground."""
         over_map = any_way = problem.scenario.ground is not None
-        if over_map:
-            found = self._planned_along(problem.scenario)
+        start = problem.scenario.start
+        if over_map and not (self._missed and self.stays(self._missed, start)):
+            found = self._planned_along(problem.scenario, any_way=not math.isfinite(cutoff()))
+            self._missed = None if found.certified else start
             if found.certified:
-                yield found.trip
+                yield found
         search = WaySearch(problem)
         for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + REPLAN.route_gain, part):
             any_way = True
@@ -365,12 +369,15 @@ class Means:
             for arc in arcs(problem):
                 yield Trip(problem.frame, arc)
 
-    def _planned_along(self, scenario: Scenario) -> Plan:
-        """Plan a whole trip in the ground along a route, at first on the route itself, without obstacles that move."""
+    def _planned_along(self, scenario: Scenario, *, any_way: bool) -> Plan:
+        """Plan a whole trip in the ground on a route, or else ``any_way`` in it, without obstacles that move."""
         within = changed(scenario, ground=None, guide=None)
         settings = replace(self.settings, clearance_margin=SceneSettings.clearance_margin)
         route = None if scenario.guide is None else np.array(scenario.guide)
-        return planned(within, settings, None, None, threat_zones=corridor_zones(within), along=route)
+        plan = partial(planned, within, settings, thorough=False, threat_zones=corridor_zones(within))
+        found = plan(along=route)
+        any_way &= route is not None and len(within.corridor or ()) <= MAPS.most_open
+        return plan() if any_way and not found.certified else found
 
     def straight_stop(self, state: State, braking: Braking) -> Trip:
         """Return the stop straight ahead from a state, or standing there."""

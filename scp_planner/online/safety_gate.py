@@ -29,7 +29,6 @@ from scp_planner.online.stops import (
     surely_clear,
 )
 from scp_planner.online.tolerances import TIME
-from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.scp.evaluation import Evaluation
@@ -226,14 +225,14 @@ class SafetyGate:
     def vet(
         self,
         now: Moment,
-        problem: Problem,
+        frame: PlanningFrame,
         trajectory: Trajectory,
         evaluation: Evaluation | None = None,
         iterations: int = 0,
         branch: float = math.inf,
     ) -> Vetted | Refusal:
         """Certify a trip that begins now, or at least a stop from it."""
-        trip = Trip(problem.frame, trajectory.settled())
+        trip = Trip(frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
         broken = math.inf
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):

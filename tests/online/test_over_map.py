@@ -14,6 +14,7 @@ from replanning import begun_since, threads, threads_end
 from shapely import MultiPoint, box, unary_union
 
 import scp_planner as sp
+from benchmarks.maps import scene
 
 RADIUS, CELL = 0.3, 0.1
 START, GOAL = (1.0, 4.0), (7.0, 1.5)
@@ -206,3 +207,14 @@ def test_searches_end_with_their_planner(times: int) -> None:
     assert under_way
     del drive
     assert threads_end(before)
+
+
+def test_sets_out_on_any_way_through_the_ground_where_that_along_the_route_is_too_tight() -> None:
+    """It begins with a turn about that the route leaves no room for, as a trip that is planned at once finds."""
+    made = scene("blobs", 4, moving=False)
+    assert made is not None
+    scenario, _, _ = made
+    (x, y), (goal_x, goal_y) = scenario.start.position, scenario.goal.position
+    plan = sp.Planner(scenario).replan(0.0, (x, y), float(np.arctan2(goal_y - y, goal_x - x)), 0.0)
+    assert plan.certified
+    assert plan.code is sp.ReasonCode.DRIVING

@@ -35,7 +35,7 @@ def vetted(*obstacles: dict[str, Any], stops_will_do: bool, acceleration: float 
     trajectory = Trajectory.of(space, np.zeros(space.path_size), np.full(space.acceleration_size, acceleration))
     state = State(0.0, (0.0, 0.0), 0.0, SPEED)
     return SafetyGate(PERIOD, stops_will_do, Following(scenario.vehicle, 0.0)).vet(
-        Moment(state, scenario, zones), problem, trajectory
+        Moment(state, scenario, zones), problem.frame, trajectory
     )
 
 
