@@ -30,7 +30,7 @@ from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.preparation import asked_for_time
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.scale import TRIP_LENGTH
+from scp_planner.scenario.scale import OTHER_LENGTH, TRIP_LENGTH
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
@@ -50,7 +50,6 @@ GETS_AWAY = (
     "no trip meets the target: at no time is it as near to the start as the vehicle can have driven by then, at full"
     " acceleration up to its top speed"
 )
-OTHER_LENGTH = 2.0  # times the length that a trip to a target is expected to have, from which on its units are others
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 
 

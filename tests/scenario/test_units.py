@@ -69,6 +69,22 @@ def test_a_guide_tells_how_far_the_trip_leads_away() -> None:
     assert NaturalUnits.of(scene(guide=[[0, 0], [3, 4], [20, 0]])).length == pytest.approx(20.0 / TRIP_LENGTH)
 
 
+@pytest.mark.parametrize("turned", [0.0, 1.0, 2.5])
+def test_the_trip_of_a_vehicle_that_has_to_turn_about_is_as_long_as_its_loop(turned: float) -> None:
+    """A goal that is behind by less than the radius of the tightest turn is reached by about a full circle."""
+
+    def length(heading: float | None) -> float:
+        start = {"time": 0.0, "position": (3.0, 1.0), "heading": heading, "speed": 0.0}
+        goal = {"position": (3.0 - 0.02 * math.cos(turned), 1.0 - 0.02 * math.sin(turned))}
+        vehicle = {"radius": 0.3, "max_speed": 0.8, "max_acceleration": 0.8, "max_deceleration": 0.8}
+        vehicle["max_curvature"] = 2.0
+        scene = sp.Scenario(start=start, goal=goal, vehicle=vehicle, obstacles=[])
+        return TRIP_LENGTH * NaturalUnits.of(scene).length
+
+    assert length(turned) == pytest.approx(2.0 * math.pi * 0.5, rel=0.02)
+    assert length(None) == pytest.approx(0.02)
+
+
 def test_the_scene_of_reference_has_the_units_of_the_user() -> None:
     assert NaturalUnits.of(scene()) == NaturalUnits()
     assert NaturalUnits().scenario(reference := scene(*CROSSERS)) is reference
