@@ -258,7 +258,11 @@ class Decision:
         return self._looked(now, fresh) or refusal
 
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
-        """Look at other ways round, where that is due."""
+        """Drive what was found with a route, or look at other ways round, where that is due."""
+        known, self._means.known = self._means.known, None
+        found = None if known is None else self._looks.as_it_is(now, known.trip)
+        if found is not None:
+            return found
         self._put_off = False
         return self._looks.look(now, fresh, None) if self._looks_now(now) else None
 

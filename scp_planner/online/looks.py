@@ -172,7 +172,7 @@ class Looks:
             hopeful = (
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
             )
-            as_it_is = None if whole is None or (clear and faster) else self._as_it_is(now, whole)
+            as_it_is = None if whole is None or (clear and faster) else self.as_it_is(now, whole)
             if as_it_is is not None and as_it_is.arrival - now.moment.state.time < cutoff:
                 look.trip = None
                 return as_it_is
@@ -191,7 +191,7 @@ class Looks:
                 break
         return spare
 
-    def _as_it_is(self, now: Replan, trip: Trip) -> Vetted | None:
+    def as_it_is(self, now: Replan, trip: Trip) -> Vetted | None:
         """A whole trip from where the vehicle is, begun now where it stands, if it may be driven."""
         state = now.moment.state
         if state.speed <= STOPS.standing:

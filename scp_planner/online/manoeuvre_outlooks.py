@@ -16,6 +16,7 @@ from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, Driven, Evasive
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
 from scp_planner.online.means import Means
+from scp_planner.online.reasons import REASONS
 from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.stops import time_from_a_stand
 from scp_planner.online.tolerances import LENGTH
@@ -213,18 +214,21 @@ class ManoeuvreOutlooks:
     def _next_place(self, moment: Moment, frame: PlanningFrame) -> tuple[Array, float]:
         """The place, (2,) m in a frame, that manoeuvres lead to, and its radius, m.
 
-        It is that which is to be passed next, or the goal, or over a map the last place on the route that is in sight.
+        It is that which is to be passed next, or the goal, or where that is out of sight the last place on the guide
+        that is not.
         """
         scenario = moment.scenario
         place = next(iter(scenario.goals), scenario.goal)
         found, radius = np.array(place.position), place.radius or 0.0
-        if scenario.ground is not None and scenario.guide is not None:
-            steps, room = scenario.vehicle.radius, self.border(moment).room
+        if scenario.guide is not None:
+            steps, border = scenario.vehicle.radius, self.border(moment)
+            speeds = np.hypot(*moment.batch.velocities.grid(np.zeros(1))[0].T)
+            standing = moment.batch.subset(np.flatnonzero(speeds < REASONS.still * scenario.vehicle.max_speed))
             line = np.array(scenario.guide)
             along = lengths_along(line)
             ahead = points_at(np.arange(steps, min(along[-1], self._sight(moment)), steps), along, line)
             seen = np.linspace(0.0, 1.0, WAY.steps)[:, None, None] * (ahead - line[0]) + line[0]
-            hidden = (room(moment.frame.to_frame(seen)) < 0.0).any(axis=0)
+            hidden = ~_is_clear(border, standing, moment.frame.to_frame(seen)).all(axis=0)
             if hidden.any():
                 found, radius = ahead[max(int(hidden.argmax()) - 1, 0)], 0.0
         return frame.to_frame(found), radius

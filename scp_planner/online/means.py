@@ -164,6 +164,7 @@ class Means:
             self._grown = tuple(one for one in self._ground if one.id == corridor.NAME)
             self._ground = tuple(one for one in self._ground if one.id != corridor.NAME)
         self._led: OnlinePlan | None = None  # the last plan that says when a target is met
+        self.known: Plan | None = None  # A trip in these surroundings that was found with them
         self._missed: Start | None = None  # from which no trip along the route was found
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True

@@ -321,6 +321,7 @@ class Planner(Changeable):
         """Look for a route over the map, where that is due, and plan along it."""
         if route.renewed(now, self._means):
             self._set_out(route.scene, self.solver)
+            self._means.known = route.plan
             now.moment = self._means.moment(now.moment.state, now.last)
         now.unrouted = route.none
         now.lap("route")

@@ -29,6 +29,7 @@ from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
 from scp_planner.planning.offline import planned
 from scp_planner.planning.over_map import OVER_MAP, ground_along, leads_through, least_time_along, with_ground
+from scp_planner.planning.plan import Plan
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MapRoutes, straightened
 from scp_planner.routes.roadmap import Roadmap
@@ -63,6 +64,7 @@ class FoundRoutes:
 
     lines: list[Array]
     ground: list[Array]
+    plan: Plan | None = None  # A trip along the first among what stands
 
 
 @dataclass
@@ -79,6 +81,7 @@ class RouteAhead:
         """Take a scenario in units of the scene."""
         self.asked, self.scene = asked, asked
         self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
+        self.plan: Plan | None = None  # A trip along the route, where that is new
         self._due = True
         self._stuck = False  # There was no trip to the goal for long
         self._straight = StraightWay()
@@ -132,6 +135,7 @@ class RouteAhead:
         """Plan along a route that was found from now on; return True if that changes the scene."""
         if not isinstance(found, FoundRoutes):
             return False
+        self.plan = found.plan
         before, line = self.scene.guide, found.lines[0] if found.lines else None
         guide = None if line is None else tuple((x, y) for x, y in line.tolist())
         self.scene = changed(self.asked, guide=guide)
@@ -229,7 +233,7 @@ def _route_round(
     if not plan.certified or (plan.trip.trajectory.space.guide.straight and not stuck):
         return FoundRoutes([], [])
     line = straightened(_ahead(plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
-    return FoundRoutes([np.concatenate([line[:-1], [scene.goal.position]])], [])
+    return FoundRoutes([np.concatenate([line[:-1], [scene.goal.position]])], [], plan)
 
 
 def _routes(

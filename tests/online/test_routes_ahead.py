@@ -45,3 +45,24 @@ def test_a_trap_is_driven_round() -> None:
     assert plan.arrived
     assert time < 1.1 * sp.plan(scenario).travel_time
     assert planner.scenario.guide is None  # it was not asked for
+
+
+def test_the_trip_that_is_found_with_a_route_is_driven_at_once() -> None:
+    scenario = trap()
+    plan = sp.Planner(scenario).replan(0.0, scenario.start.position, 0.0, 0.0)
+    assert plan.certified
+    assert plan.arrival_time < 1.01 * sp.plan(scenario).travel_time
+
+
+def test_a_trap_is_driven_round_though_there_is_never_time() -> None:
+    """The deadline of each replan has passed before it begins, on any machine."""
+    scenario, planner, time = trap(), sp.Planner(trap()), 0.0
+    place, heading, speed = np.array(scenario.start.position), 0.0, 0.0
+    for _ in range(600):
+        plan = planner.replan(time, place, heading, speed, deadline=1e-9)
+        assert plan.safe
+        if plan.arrived:
+            break
+        time = round(time + 0.1, 6)
+        place, heading, speed = plan.position(time), float(plan.heading(time)), float(plan.speed(time))
+    assert plan.arrived
