@@ -32,3 +32,12 @@ def kronecker(one: Array, two: Array) -> Array:
     product: Array = one[..., :, None, :, None] * two[..., None, :, None, :]
     a, c, b, d = product.shape[-4:]
     return product.reshape(*product.shape[:-4], a * c, b * d)
+
+
+def run_of(places: Index) -> Index | slice:
+    """Return places as a slice if they are one after the other: so nothing is copied."""
+    if not len(places):
+        return slice(0)
+    first, end = int(places[0]), int(places[-1]) + 1
+    is_run = end - first == len(places) and bool((places == np.arange(first, end)).all())
+    return slice(first, end) if is_run else places

@@ -35,7 +35,8 @@ def _bank_of(track: ObstacleTrack, one: Seen) -> Bank | None:
     estimator = track.estimator
     if estimator is None or track.fixed is not None or track.given is not None or track.suspects:
         return None
-    return estimator.bank if track.history and one.time > track.newest else None
+    history = track.history
+    return estimator.bank if history and one.time > history[-1].time else None
 
 
 def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:

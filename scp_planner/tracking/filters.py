@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, run_of
 from scp_planner.tracking.dynamics import WhiteJerk
 
 
@@ -55,10 +55,11 @@ class SlotStates(ABC):
 
     def of(self, slots: Index) -> Self:
         """A copy of the states of some obstacles, (n,)."""
-        return replace(self, mean=self.mean.take(slots, axis=-1), spread=self.spread.take(slots, axis=-1))
+        return replace(self, mean=_taken(self.mean, slots), spread=_taken(self.spread, slots))
 
     def put(self, slots: Index, part: Self) -> None:
-        self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+        run = run_of(slots)
+        self.mean[..., run], self.spread[..., run] = part.mean, part.spread
 
     def predicted(self, slots: Index, lag: Array, unit: Array) -> Self:
         """States of some obstacles after lags (n,)."""
@@ -78,6 +79,11 @@ class SlotStates(ABC):
         self.mean, self.spread = (
             np.concatenate([one, np.zeros((*one.shape[:-1], more))], axis=-1) for one in (self.mean, self.spread)
         )
+
+
+def _taken(values: Array, slots: Index) -> Array:
+    run = run_of(slots)
+    return values[..., run].copy() if isinstance(run, slice) else values.take(slots, axis=-1)
 
 
 _ROWS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -103,7 +109,7 @@ class FilterStates(SlotStates):
         return np.asarray(self.spread[_ROWS].transpose(3, 2, 0, 1))
 
     def predict(self, lag: Array, unit: Array) -> None:
-        same = len(np.unique(lag)) == 1  # as in a frame: one product of matrices then does it
+        same = bool((lag == lag[:1]).all()) and len(lag) > 0  # as in a frame: one product of matrices then does it
         state, spread, noise = _moved(float(lag[0]) if same else lag, self.diffusions)
         self.mean, self.spread = _applied(state, self.mean), _applied(spread, self.spread)
         self.spread += noise * (1.0 / unit)
@@ -267,11 +273,10 @@ class SwingStates(SlotStates):
 
     def predict(self, lag: Array, unit: Array) -> None:
         lag = np.rint(lag * FILTERS.ticks) / FILTERS.ticks
-        for one in np.unique(lag).tolist():
-            some = np.flatnonzero(lag == one)
+        for one in dict.fromkeys(lag.tolist()):
+            some = run_of(np.flatnonzero(lag == one))
             moved, triangles, noise = _steps(self.swings, one)
-            mean = self.mean.take(some, axis=-1).transpose(2, 0, 1, 3)  # (M, 5, 2, n)
-            spread = self.spread.take(some, axis=-1).transpose(1, 0, 2)
+            mean, spread = self.mean[..., some].transpose(2, 0, 1, 3), self.spread[..., some].transpose(1, 0, 2)
             self.mean[..., some] = (moved @ mean.reshape(*mean.shape[:2], -1)).reshape(mean.shape).transpose(1, 2, 0, 3)
             self.spread[..., some] = (triangles @ spread).transpose(1, 0, 2) + noise / unit[some]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask, Single
+from scp_planner.arrays import Array, Index, Mask, Single, run_of
 from scp_planner.settings.online import RARE
 from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
@@ -142,28 +142,32 @@ class Bank:
         """Take in one observation each of some obstacles, none of them before its last one."""
         if not len(slots):
             return
-        lag, old = times - self.last[slots], self.count[slots] > 0
+        run = run_of(slots)
+        lag, old, alarmed = times - self.last[run], self.count[run] > 0, self.alarmed[run]
         innovations = np.zeros((2, 1 + self.widening.size, len(slots)))
         evidence = np.zeros(innovations.shape[1:])
         self.polynomials.take_in(slots, times, positions)
         innovations[:, 0], evidence[0] = self._fed(slots)
         self._begin(slots[~old], positions[~old])
         walks, swings = slice(1, 1 + self._walks), slice(1 + self._walks, None)
-        for states, which, some in ((self.states, walks, old), (self.swings, swings, self.alarmed[slots])):
-            if some.any():
-                seen = states.take_in(slots[some], lag[some], self._least[slots[some]], positions[some].T, self.noise)
-                evidence[which, some], innovations[:, which, some] = self._judged(slots[some], *seen)
-        self.last[slots] = times
+        for states, which, mask in ((self.states, walks, old), (self.swings, swings, alarmed)):
+            if mask.any():
+                some = run_of(np.flatnonzero(mask))
+                own, places = slots[some], positions[some].T
+                seen = states.take_in(own, lag[some], self._least[own], places, self.noise)
+                evidence[which, some], innovations[:, which, some] = self._judged(own, *seen)
+        self.last[run] = times
         looks = np.stack([times, *positions.T])
-        rings = (self._looks, looks), (self._innovations, innovations), (self._cut, cut(innovations))
-        full = slots[self._end[slots] == 2 * _KEPT]
+        full = slots[self._end[run] == 2 * _KEPT]
         self._end[full] = _KEPT
-        for kept, newest in rings:
-            kept[..., :_KEPT, _run(full)] = kept[..., _KEPT:, _run(full)]
-            self._place(kept, slots, newest)
-        self._end[slots] += 1
-        self._evidence[:, self.count[slots] % _KEPT, slots] = evidence
-        self.count[slots] += 1
+        newest = _places(self._end[run], slots)
+        for kept, values in ((self._looks, looks), (self._innovations, innovations), (self._cut, cut(innovations))):
+            if len(full):
+                kept[..., :_KEPT, run_of(full)] = kept[..., _KEPT:, run_of(full)]
+            kept[(..., *newest)] = values
+        self._evidence[(..., *_places(self.count[run] % _KEPT, slots))] = evidence
+        self._end[run] += 1
+        self.count[run] += 1
         self._notice(slots)
 
     def take_in_late(self, slot: int, time: float, position: Array) -> None:
@@ -223,20 +227,12 @@ class Bank:
         offset = self._whitened(slots, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
-    def _place(self, kept: NDArray[Any], slots: Index, values: NDArray[Any]) -> None:
-        """Put down the newest values (..., n) of some obstacles."""
-        end = self._end[slots]
-        if (end == end[0]).all():
-            kept[..., int(end[0]), _run(slots)] = values
-        else:
-            kept[..., end, slots] = values
-
     def _newest(self, kept: NDArray[Any], slots: Index) -> NDArray[Any]:
         """The newest values (..., ring, n), oldest first, of some obstacles."""
         end = self._end[slots]
         if (end == end[:1]).all():
             first = int(end[0]) - _KEPT if len(end) else 0
-            return kept[..., first : first + _KEPT, _run(slots)]
+            return kept[..., first : first + _KEPT, run_of(slots)]
         return kept[..., end - _KEPT + np.arange(_KEPT)[:, None], slots]
 
     # tests
@@ -291,7 +287,7 @@ class Bank:
         holds = worst.max(axis=-2) <= 1.0  # each filter's own windows are not improbable, (M, n)
         holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
         self._since[slots] += 1
-        evidence = self._evidence[..., _run(slots)].sum(axis=-2)
+        evidence = self._evidence[..., run_of(slots)].sum(axis=-2)
         among = np.where(holds, evidence[1:], -np.inf)
         most = among.max(axis=0)
         weights = np.exp(among - most)
@@ -346,19 +342,16 @@ class Bank:
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
         some = slots[self.count[slots] >= NEIGHBOURS]
-        rows, whiten = self._newest(self._looks, some)[:, -NEIGHBOURS:], self._whiten[..., _run(some)]
+        rows, whiten = self._newest(self._looks, some)[:, -NEIGHBOURS:], self._whiten[..., run_of(some)]
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
         if not apart.all():
             whiten, rows = whiten[..., apart], rows[..., apart]
         return third_differences(rows[0], rows[1:], whiten.transpose(2, 0, 1))
 
 
-def _run(slots: Index) -> Index | slice:
-    """Some slots, as a slice if they are one after the other: then nothing is copied."""
-    if not len(slots):
-        return slice(0)
-    first, end = int(slots[0]), int(slots[-1]) + 1
-    return slice(first, end) if np.array_equal(slots, np.arange(first, end)) else slots
+def _places(rows: Index, slots: Index) -> tuple[Index | int, Index | slice]:
+    """Where the newest values (..., n) of some obstacles go in a ring, as a row and a run of slots where that does."""
+    return (int(rows[0]), run_of(slots)) if (rows == rows[0]).all() else (rows, slots)
 
 
 @cache

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index, Mask, kronecker
+from scp_planner.arrays import Array, Index, Mask, kronecker, run_of
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.confidence import ErrorLaw, NormalErrors
 from scp_planner.tracking.maximum_likelihood import (
@@ -210,7 +210,8 @@ class RecursiveEstimator:
 
     def _absorb(self, rows: Array, some: Index) -> None:
         """Rotate new rows into the factor; what is left of them is a residual."""
-        m, factor, shrunk = self._unknowns, self._factor[..., some], self._shrunk[some]
+        m, run = self._unknowns, run_of(some)
+        factor, shrunk = self._factor[..., run], self._shrunk[run]
         for row in rows:
             shrunk.fill(1.0)
             for j in range(m):
@@ -227,9 +228,9 @@ class RecursiveEstimator:
                 factor[j, j:] = rotated
                 shrunk *= cosine
             rest = row[m:]
-            self._left[:, some] = rest
-            self._scatter[..., some] += rest[:, None] * rest[None]
-        self._factor[..., some], self._shrunk[some] = factor, shrunk
+            self._left[:, run] = rest
+            self._scatter[..., run] += rest[:, None] * rest[None]
+        self._factor[..., run], self._shrunk[run] = factor, shrunk
 
     def _noise(self, k: int) -> tuple[Array, ErrorLaw]:
         if self._varying:
