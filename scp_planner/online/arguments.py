@@ -56,7 +56,7 @@ def _point(name: str, value: ArrayLike) -> tuple[float, float]:
 def checked_covariance(value: ArrayLike, units: Units, rates: int = 0) -> Array:
     """Check and repair a covariance, in SI units, of a position and of so many of its derivatives in time."""
     matrix = square_matrix(value, 2 * (rates + 1))
-    for entry in matrix.ravel().tolist():
+    for entry in matrix[np.abs(matrix) > LARGEST_COORDINATE].tolist():
         check_number("covariance", entry)
     return repaired(matrix, (units.length, units.speed, units.acceleration)[: rates + 1])
 
@@ -69,17 +69,17 @@ def checked_estimate(
     covariance: ArrayLike,
     units: Units,
 ) -> Estimate:
-    """Make what a tracker says of its parts, in SI units."""
+    """Make what a tracker says of its parts, in SI units, which leave nothing for the model to refuse."""
     check_number("time", time)
     rates = [_point("velocity", velocity)]
     if acceleration is not None:
         rates.append(_point("acceleration", acceleration))
-    return Estimate(
+    return Estimate.model_construct(
         time=float(time),
         position=_point("position", position),
         velocity=rates[0],
         acceleration=None if acceleration is None else rates[1],
-        covariance=checked_covariance(covariance, units, len(rates)).tolist(),
+        covariance=tuple(map(tuple, checked_covariance(covariance, units, len(rates)).tolist())),
     )
 
 
@@ -126,36 +126,41 @@ def square_matrix(value: ArrayLike, size: int) -> Array:
 def repaired(matrix: Array, units: ArrayLike) -> Array:
     kinds = np.repeat(np.asarray(units, dtype=float), 2)
     least, most = LEAST_DEVIATION * kinds, MOST_DEVIATION * kinds
-    scale = np.maximum(_largest_of_kind(matrix), least)
-    unlike = np.abs(matrix - matrix.T) / np.outer(scale, scale)
-    if (unlike > SYMMETRY).any():
-        i, j = np.unravel_index(int(np.argmax(unlike)), unlike.shape)
-        pair = f"its entries [{i}][{j}] = {float(matrix[i, j])!r} and [{j}][{i}] = {float(matrix[j, i])!r}"
-        raise ValueError(f"covariance: {matrix.tolist()} is not symmetric: {pair} must be the same")
-    found = _definite(0.5 * (matrix + matrix.T), scale, least)
-    shrunk = np.minimum(1.0, most / np.sqrt(np.diag(found)))
-    return found * np.outer(shrunk, shrunk)
+    found, unlike = 0.5 * (matrix + matrix.T), np.abs(matrix - matrix.T)
+    if unlike.any():
+        unlike /= _scales(matrix, least)
+        if (unlike > SYMMETRY).any():
+            i, j = np.unravel_index(int(np.argmax(unlike)), unlike.shape)
+            pair = f"its entries [{i}][{j}] = {float(matrix[i, j])!r} and [{j}][{i}] = {float(matrix[j, i])!r}"
+            raise ValueError(f"covariance: {matrix.tolist()} is not symmetric: {pair} must be the same")
+    if not _is_definite(found, least):
+        found = _definite(found, _scales(matrix, least), least)
+    shrunk = np.minimum(1.0, most / np.sqrt(found.diagonal()))
+    return found * (shrunk[:, None] * shrunk)
 
 
-def _largest_of_kind(matrix: Array) -> Array:
-    """Square roots of the largest entries of each kind of quantity, (n,): the size that rounding is relative to."""
+def _scales(matrix: Array, least: Array) -> Array:
+    """Sizes that the rounding of entries is relative to: products of the largest deviations of their kinds."""
     kinds = len(matrix) // 2
     blocks = np.abs(matrix.reshape(kinds, 2, kinds, 2)[range(kinds), :, range(kinds)])
-    return np.repeat(np.sqrt(blocks.reshape(kinds, 4).max(axis=1)), 2)
+    largest = np.maximum(np.repeat(np.sqrt(blocks.reshape(kinds, 4).max(axis=1)), 2), least)
+    return np.outer(largest, largest)
 
 
-def _definite(matrix: Array, scale: Array, least: Array) -> Array:
+def _is_definite(matrix: Array, least: Array) -> bool:
+    own = matrix.diagonal()
+    if (own < least * least).any():
+        return False
+    return bool(np.linalg.eigvalsh(matrix / np.sqrt(own[:, None] * own))[0] > EIGENVALUE)
+
+
+def _definite(matrix: Array, scales: Array, least: Array) -> Array:
     """Symmetric matrix with no eigenvalue of its correlations below the least; refused if that is no rounding."""
-    own = np.diag(matrix)
-    if (own >= least**2).all():
-        correlations = matrix / np.sqrt(np.outer(own, own))
-        if np.linalg.eigvalsh(correlations)[0] > EIGENVALUE:
-            return matrix
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(matrix / scales)
     if values[0] < -SYMMETRY * max(float(values[-1]), 1.0):
         raise ValueError(f"covariance: {matrix.tolist()} is not positive definite")
     raised = np.maximum(values, max(2.0 * EIGENVALUE, -float(values[0])))
-    found: Array = (vectors * raised) @ vectors.T * np.outer(scale, scale)
+    found: Array = (vectors * raised) @ vectors.T * scales
     found = 0.5 * (found + found.T)
     return found + np.diag(np.maximum(least**2 - np.diag(found), 0.0))
 

@@ -108,10 +108,9 @@ def _corners(units: NaturalUnits, value: Any) -> Any:
 
 
 def _covariance_of_state(units: NaturalUnits, value: Any) -> Any:
-    sizes = (units.length, units.speed, units.acceleration)
-    return tuple(
-        tuple(each / (sizes[i // 2] * sizes[j // 2]) for j, each in enumerate(row)) for i, row in enumerate(value)
-    )
+    sizes = [size for size in (units.length, units.speed, units.acceleration) for _ in "xy"]
+    rows = zip(value, sizes, strict=False)
+    return tuple([tuple([each / (own * other) for each, other in zip(row, sizes, strict=False)]) for row, own in rows])
 
 
 _SCALED: dict[str, Callable[[NaturalUnits, Any], Any]] = {
