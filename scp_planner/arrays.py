@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Rows = TypeVar("Rows", bound="DataclassInstance")
+"""A dataclass of arrays, each with a row for each of the same things."""
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -41,3 +51,14 @@ def run_of(places: Index) -> Index | slice:
     first, end = int(places[0]), int(places[-1]) + 1
     is_run = end - first == len(places) and bool((places == np.arange(first, end)).all())
     return slice(first, end) if is_run else places
+
+
+def rows_of(part: Rows, some: Index | slice) -> Rows:
+    """Return some of the rows, contiguous: so each has the same bits beside others as alone."""
+    return replace(part, **{one.name: np.ascontiguousarray(getattr(part, one.name)[some]) for one in fields(part)})
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of all parts, one part after the other."""
+    together = {one.name: np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(parts[0])}
+    return replace(parts[0], **together)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, rows_of
 from scp_planner.online.many_zones import Level, made_zones
 from scp_planner.online.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.zone import ThreatZone
@@ -46,7 +46,7 @@ class Alarmed:
             index = np.flatnonzero(each)
             some = Alarmed([self.tracks[k] for k in index.tolist()], self.bank, self.deviation)
             if some.tracks:
-                own = None if sizing is None else sizing.among(index)
+                own = None if sizing is None else rows_of(sizing, index)
                 zones = some._weaving(start, level, own) if swing else some.zones(start, level, own)
                 made.update(zip((track.id for track in some.tracks), zones, strict=True))
         return [made[track.id] for track in self.tracks]
@@ -71,7 +71,7 @@ class Alarmed:
         if not len(some):
             return filters
         slots = self.slots[some]
-        roots, noise = self.bank.polynomials.roots.of(slots), self.bank.noise_of(slots)
+        roots, noise = rows_of(self.bank.polynomials.roots, slots), self.bank.noise_of(slots)
         changed = changed_motions(roots, self._changes.sure(), noise, start)
         odds = np.clip(
             self.bank.gain[slots] - self._changes.total,
@@ -115,12 +115,12 @@ class Alarmed:
             _pieces(moments, later.covariances[:, -1], widths),
             rate[0],
         )
-        soon = future_of(near.of(slice(count)), start)
+        soon = future_of(rows_of(near, slice(count)), start)
         return made_zones(self.tracks, future, level, level.scales(self.tracks, lengths), sizing, soon)
 
 
 def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:
-    return changes_of(bank.polynomials.roots.of(slots), bank.looks(slots), bank.noise_of(slots), deviation)
+    return changes_of(rows_of(bank.polynomials.roots, slots), bank.looks(slots), bank.noise_of(slots), deviation)
 
 
 def _pieces(values: Array, last: Array, widths: Array) -> Array:

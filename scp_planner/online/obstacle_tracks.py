@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, joined, rows_of
 from scp_planner.errors import EstimationError
 from scp_planner.online.alarmed_zones import Alarmed, changes_among
 from scp_planner.online.foresight import Learning, least_noise
@@ -315,8 +315,8 @@ class ObstacleTracks:
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         estimators = [track.estimator for track in tracks]
         if all(isinstance(one, NoticingTrack) for one in estimators):
-            return self._banks[tracks[0].model.order].polynomials.roots.of(slots_of(tracks))
-        return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
+            return rows_of(self._banks[tracks[0].model.order].polynomials.roots, slots_of(tracks))
+        return joined([one.roots for one in estimators if one is not None and one.roots is not None])
 
     def _change_hypotheses(self, tracks: Sequence[ObstacleTrack], level: Level) -> ChangeHypotheses | None:
         """Changes of acceleration of some tracks of one bank that are likely enough to matter."""

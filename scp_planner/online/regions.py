@@ -13,7 +13,7 @@ from scp_planner.online.track import ObstacleTrack, Seen
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import AdaptiveScales, region_score
-from scp_planner.tracking.futures import Sizing, times_linear
+from scp_planner.tracking.futures import Sizing, sized_covariances
 from scp_planner.tracking.predictions import Prediction, PredictionKind, predicted
 
 
@@ -100,7 +100,7 @@ class RegionSizes:
             whole, sizes = _covariances([zones[k] for k in some]), sizing.sizes[some]
             told = np.array([_predicted(tracks[k]).covariance[0, 0] for k in some])
             added = (whole.coefficients[:, 0, 0, 0] / told)[:, None] * np.maximum(sizes - 1.0, 0.0)
-            larger = times_linear(whole, sizing.leads[some[0]], np.minimum(sizes, 1.0), added)
+            larger = sized_covariances(whole, sizing.leads[some[0]], np.minimum(sizes, 1.0), added)
             for k, edges, pieces in zip(some, larger.breakpoints, larger.coefficients, strict=True):
                 made[k] = replace(zones[k], covariances=PiecewisePolynomials(edges[None], pieces[None]))
         return made

@@ -115,17 +115,14 @@ class AdaptiveScales:
 
     def scales(self, names: Sequence[str], kinds: Index | int = 0) -> Array:
         """Give the sizes of tracks' regions."""
-        which = [kinds] if isinstance(kinds, int) else sorted(set(kinds.tolist()))
-        every = range(self.horizons)
-        if not names or not any(self._known(k, horizon) is not None for k in which for horizon in every):
-            return np.ones((len(names), self.horizons))
-        own = self._levels(names)
-        if len(which) == 1:
-            return self._sizes(own[:, which[0]], which[0], every)
+        every, kind = range(self.horizons), np.broadcast_to(kinds, len(names))
         sizes = np.ones((len(names), self.horizons))
-        for k in which:
-            some = kinds == k
-            sizes[some] = self._sizes(own[some, k], k, every)
+        which = sorted(set(kind.tolist()))
+        if any(self._known(k, horizon) is not None for k in which for horizon in every):
+            own = self._levels(names)
+            for k in which:
+                some = kind == k
+                sizes[some] = self._sizes(own[some, k], k, every)
         return sizes
 
     def _levels(self, names: Sequence[str]) -> Array:
@@ -175,7 +172,6 @@ class AdaptiveScales:
         self.seen[horizon] += len(found)
 
     def forget(self, name: str) -> None:
-        """Forget a track."""
         self._own.pop(name, None)
 
 
@@ -189,11 +185,9 @@ class _Newest:
 
     @property
     def count(self) -> int:
-        """Number of errors that are kept."""
         return len(self._errors)
 
     def add(self, errors: Array) -> None:
-        """Add some, (n,); the oldest go if there are too many."""
         self._errors = np.concatenate([self._errors, errors])[-CONFORMAL.newest :]
         self._fresh += len(errors)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, rows_of
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import FilterState, first_state, update_state
@@ -88,7 +88,7 @@ class NoticingTrack(TrackEstimator):
 
     @property
     def roots(self) -> SquareRoots:
-        return self.bank.polynomials.roots.of(np.array([self.slot]))
+        return rows_of(self.bank.polynomials.roots, np.array([self.slot]))
 
     @property
     def alarmed(self) -> bool:  # type: ignore[override]
@@ -134,12 +134,4 @@ class ProcessTrack(TrackEstimator):
     def estimate(self, prior: MotionPrior | None) -> ProcessEstimate:  # noqa: ARG002 - its model has one
         last = self._filtered
         assert last is not None, "it has been seen"
-        return ProcessEstimate(
-            reference_time=float(last.state.times[0]),
-            observations=last.count,
-            noise_covariance=last.noise / last.count,
-            dynamics=self._dynamics,
-            mean=last.state.mean[0],
-            state_covariance=last.state.covariance[0],
-            tails=self._model.tails,
-        )
+        return last.state.estimate(0, self._model, last.count, last.noise / last.count)

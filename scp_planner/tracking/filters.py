@@ -232,9 +232,7 @@ class Swings:
         course = WhiteJerk(self.jerk, self.acceleration_deviation)
         moved, noise = np.zeros((2, len(rate), STATES, STATES))
         moved[:, :3, :3] = course.transition(np.array(lag))
-        powers = np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
-        degrees = np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
-        noise[:, :3, :3] = self.jerk * np.full((1, 1, 1, 1), lag) ** degrees / powers
+        noise[:, :3, :3] = course.noise(np.array(lag))
         moved[:, 3:, 3:] = swing
         noise[:, 3:, 3:] = self._steady - swing @ self._steady @ swing.swapaxes(-1, -2)
         united, apart = self._united, self.apart
@@ -319,10 +317,7 @@ class FilterModels:
 
     @cached_property
     def diffusions(self) -> Array:
-        """Intensities of acceleration and jerk, (M, 2) m^2/s^3 and m^2/s^5.
-
-        Noise that makes the spread of newcomers in the time that these need for it, and multiples.
-        """
+        """Intensities of acceleration and jerk, (M, 2) m^2/s^3 and m^2/s^5: multiples of those of newcomers."""
         time = self.velocity_deviation / self.acceleration_deviation
         jerk, swerve = self.acceleration_deviation**2 / time, self.velocity_deviation**2 / time
         return np.array(
@@ -368,9 +363,6 @@ class Mixture:
             ],
             axis=1,
         )
-
-    def of(self, some: Index | slice) -> Mixture:
-        return Mixture(self.mean[some], self.covariance[some], self.diffusion[some], self.shape[some])
 
     def after(self, leads: Array) -> Mixture:
         moved = np.eye(3) + leads[:, None, None] * np.eye(3, k=1)

@@ -15,7 +15,13 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matr
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.tracking.change_hypotheses import ChangeHypotheses
 from scp_planner.tracking.filters import Mixture, even
-from scp_planner.tracking.motion_estimate import HORIZON, least_variances, standardised_speed, sums_of_powers
+from scp_planner.tracking.motion_estimate import (
+    HORIZON,
+    least_variances,
+    standardised_speed,
+    sums_of_powers,
+    turning_rows,
+)
 from scp_planner.tracking.recursive import SquareRoots
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
@@ -34,9 +40,6 @@ class Sizing:
     leads: Array  # (n, H) Times ahead for which sizes are known, s; all but the first are the same for all
     kinds: Index  # (n,)
     sizes: Array  # (n, H) Linear between leads; see `scp_planner.tracking.conformal.region_score`
-
-    def among(self, some: Index) -> Sizing:
-        return Sizing(self.leads[some], self.kinds[some], self.sizes[some])
 
     @cached_property
     def others(self) -> Index:
@@ -69,25 +72,34 @@ def lengths_of(mixtures: Mixture) -> Array:
     return lengths_of_polynomials(mixtures.errors, cross, rate)
 
 
-def times_linear(
-    covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array | None = None
+def sized_covariances(
+    covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array
 ) -> PiecewisePolynomials:
-    """Multiply covariances by factors that are linear between leads after their start, and constant after the last."""
+    """Multiply covariances by factors, and add to variances, linearly between leads after their start."""
     breaks, whole = covariances.breakpoints[0], covariances.coefficients
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
-    begins, widths = edges[:-1], np.diff(edges)
-    piece = np.searchsorted(breaks, begins, "right") - 1
-    weights = np.array([np.interp(edges - breaks[0], leads, one) for one in np.eye(len(leads))])
-    shifted = shift_matrices(whole.shape[2], begins - breaks[piece]) @ whole[:, piece]
-    product = np.zeros((len(whole), len(begins), whole.shape[2] + 1, whole.shape[3]))
-    at = factors @ weights
-    product[:, :, :-1] = at[:, :-1, None, None] * shifted
-    product[:, :, 1:] += (np.diff(at) / widths)[:, :, None, None] * shifted
-    if added is not None:
-        more = added @ weights
-        product[:, :, 0, [0, 2]] += more[:, :-1, None]
-        product[:, :, 1, [0, 2]] += (np.diff(more) / widths)[:, :, None]
-    return PiecewisePolynomials(np.tile(edges, (len(whole), 1)), product)
+    piece = np.searchsorted(breaks, edges[:-1], "right") - 1
+    shifted = shift_matrices(whole.shape[2], edges[:-1] - breaks[piece]) @ whole[:, piece]
+    factors, added = (_interpolated(each, leads, edges - breaks[0]) for each in (factors, added))
+    return PiecewisePolynomials(np.tile(edges, (len(whole), 1)), _sized(shifted, np.diff(edges), factors, added))
+
+
+def _interpolated(values: Array, leads: Array, times: Array) -> Array:
+    """Values (n, L) at leads, linear in between and constant beyond, at times (m,): (n, m)."""
+    return values @ np.array([np.interp(times, leads, one) for one in np.eye(len(leads))])
+
+
+def _sized(covariances: Array, widths: Array, factors: Array, added: Array) -> Array:
+    """Pieces (n, S, Q, 3) times factors, and more variance, (n, S + 1) each at the edges and linear in between."""
+    pieces = np.zeros((*covariances.shape[:2], covariances.shape[2] + 1, 3))
+    steps = np.diff([factors, added])
+    # of what was seen twice at one time a piece is empty
+    slopes = np.divide(steps, widths, out=np.zeros_like(steps), where=widths > 0.0)
+    pieces[:, :, :-1] = factors[:, :-1, None, None] * covariances
+    pieces[:, :, 1:] += slopes[0][..., None, None] * covariances
+    pieces[:, :, 0, [0, 2]] += added[:, :-1, None]
+    pieces[:, :, 1, [0, 2]] += slopes[1][..., None]
+    return pieces
 
 
 def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Array]:
@@ -106,27 +118,14 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
         lead = leads.mean(axis=0)
         edges = np.unique(np.append(future.breaks[:-1] - start, lead[-1]))
         begins = np.broadcast_to(edges, (count, len(edges)))
-        weights = np.array([np.interp(np.append(edges, np.inf), lead, one) for one in np.eye(len(lead))])
-        at = sizes @ weights
+        at = _interpolated(sizes, lead, np.append(edges, np.inf))
         piece = np.searchsorted(future.breaks[:-1] - start, edges, "right") - 1
     ends = np.empty((count, begins.shape[1] + 1))
     ends[:, :-1], ends[:, -1] = begins, future.breaks[-1] - start
     whole = future.covariances[some][:, piece]
     powers, shift = whole.shape[2], begins - (future.breaks[piece] - start)
     shifted = (shift_matrices(powers, shift.ravel()) @ whole.reshape(-1, powers, 3)).reshape(whole.shape)
-    pieces = np.zeros((count, len(piece), powers + 1, 3))
-    parts, widths = np.empty((2, *at.shape)), ends[:, 1:] - ends[:, :-1]
-    np.minimum(at, 1.0, out=parts[0])
-    np.maximum(at - 1.0, 0.0, out=parts[1])
-    # of what was seen twice at one time the first piece is empty
-    steps = parts[:, :, 1:] - parts[:, :, :-1]
-    slopes = np.divide(steps, widths, out=np.zeros_like(steps), where=widths > 0.0)
-    factor, more = parts[:, :, :-1]
-    pieces[:, :, :-1] = factor[:, :, None, None] * shifted
-    pieces[:, :, 1:] += slopes[0][:, :, None, None] * shifted
-    pieces[:, :, 0, [0, 2]] += more[:, :, None]
-    pieces[:, :, 1, [0, 2]] += slopes[1][:, :, None]
-    return start + ends, pieces
+    return start + ends, _sized(shifted, np.diff(ends), np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0))
 
 
 def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
@@ -226,15 +225,7 @@ def _lengths(spread: Array, start: Array, stop: Array) -> Array:
     nodes, weights = length_rule()
     low, high = np.arctan(start), np.arctan(stop)
     angles = low[:, None] + (high - low)[:, None] * nodes
-    sine, cosine = np.sin(angles), np.cos(angles)
-    x, y = np.empty((2, *angles.shape, order + 1))
-    if order == 1:
-        x[..., 0], x[..., 1] = cosine, sine
-        y[..., 0], y[..., 1] = -sine, cosine
-    else:
-        both, squares = sine * cosine, (cosine * cosine, sine * sine)
-        x[..., 0], x[..., 1], x[..., 2] = squares[0], both, squares[1]
-        y[..., 0], y[..., 1], y[..., 2] = -2.0 * both, squares[0] - squares[1], 2.0 * both
+    x, y = turning_rows(order, angles)
     weighted = x @ spread
     error, cross, rate = _summed(weighted * x), _summed(weighted * y), _summed((y @ spread) * y)
     speed = np.sqrt(np.maximum(rate * error - cross * cross, 0.0)) / error

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index, kronecker
+from scp_planner.arrays import Array, kronecker, rows_of
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import Dynamics, dynamics_of
@@ -23,8 +23,9 @@ class FilterState:
     mean: Array  # (N, d, 2) Expected states
     covariance: Array  # (N, 2 d, 2 d)
 
-    def of(self, some: slice | Index) -> FilterState:
-        return FilterState(self.times[some], self.mean[some], self.covariance[some])
+    def estimate(self, place: int, model: ProcessModel, observations: int, noise: Array) -> ProcessEstimate:
+        time, mean, covariance = float(self.times[place]), self.mean[place], self.covariance[place]
+        return ProcessEstimate(time, observations, noise, dynamics_of(model), mean, covariance, model.tails)
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def run_filter(model: ProcessModel, scans: Iterable[Scan]) -> tuple[FilterState,
             state = first_state(dynamics, model.velocity_deviation**2, scan.times, scan.positions, noise)
             total = np.zeros(count)
             continue
-        part = state.of(slice(count))
+        part = rows_of(state, slice(count))
         total[:count] += update_state(dynamics, part, scan.times, scan.positions, noise)
         state.times[:count], state.mean[:count], state.covariance[:count] = part.times, part.mean, part.covariance
     assert state is not None, "there is one scan at least"
@@ -107,27 +108,20 @@ def estimate_process(
 
 def estimate_processes(model: ProcessModel, records: Sequence[CheckedObservations]) -> list[ProcessEstimate]:
     """Estimate the motions of obstacles that follow one model, each from one observation at least."""
-    ranks = sorted(range(len(records)), key=lambda k: -len(records[k].times))
-    own = model.noise_deviation**2 * np.eye(2)
-    noises = [own if record.covariance is None else record.covariance for record in records]
-
-    def scans() -> Iterator[Scan]:
-        for i in range(len(records[ranks[0]].times)):
-            left = [k for k in ranks if len(records[k].times) > i]
-            times, positions = np.array([records[k].times[i] for k in left]), [records[k].positions[i] for k in left]
-            noise = [noises[k] if noises[k].ndim == 2 else noises[k][i] for k in left]
-            yield Scan(times, np.array(positions), np.array(noise))
-
-    (state, _), dynamics, place = run_filter(model, scans()), dynamics_of(model), np.argsort(ranks)
+    own, ranks = model.noise_deviation**2 * np.eye(2), sorted(range(len(records)), key=lambda k: -len(records[k].times))
+    whole = [record if record.covariance is not None else replace(record, covariance=own) for record in records]
+    state, _ = run_filter(model, scans_of([whole[k] for k in ranks]))
     return [
-        ProcessEstimate(
-            reference_time=float(record.times[-1]),
-            observations=len(record.times),
-            noise_covariance=noise if noise.ndim == 2 else noise.mean(axis=0),
-            dynamics=dynamics,
-            mean=state.mean[k],
-            state_covariance=state.covariance[k],
-            tails=model.tails,
-        )
-        for k, record, noise in zip(place, records, noises, strict=True)
+        state.estimate(place, model, len(record.times), np.asarray(record.covariance).reshape(-1, 2, 2).mean(axis=0))
+        for place, record in zip(np.argsort(ranks).tolist(), whole, strict=True)
     ]
+
+
+def scans_of(records: Sequence[CheckedObservations]) -> Iterator[Scan]:
+    """Give observations of obstacles, the longest records first, one of each at a time."""
+    for i in range(len(records[0].times)):
+        left = [one for one in records if len(one.times) > i]
+        times, positions = np.array([one.times[i] for one in left]), np.array([one.positions[i] for one in left])
+        known = [one.covariance for one in left if one.covariance is not None]
+        noise = np.array([one if one.ndim == 2 else one[i] for one in known]) if known else None
+        yield Scan(times, positions, noise)

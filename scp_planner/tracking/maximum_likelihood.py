@@ -74,7 +74,7 @@ class CheckedObservations:
 
     times: Array  # (n,) s
     positions: Array  # (n, 2) m
-    covariance: Array | None  # (2, 2) or (n, 2, 2) m^2
+    covariance: Array | None = None  # (2, 2) or (n, 2, 2) m^2
 
 
 def check_observations(

@@ -198,7 +198,7 @@ class PolynomialEstimate(MotionEstimate):
         begin, end = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
 
         def speeds(angles: Array) -> Array:
-            products = row_products(*_turning_rows(self.order, angles))
+            products = row_products(*turning_rows(self.order, angles))
             error, cross, rate = error_blocks(products, self.coefficient_covariance[None])
             if self.regressors is None:
                 return standardised_speed(error, cross, rate)
@@ -230,13 +230,14 @@ def error_blocks(products: Array, covariance: Array) -> tuple[Array, Array, Arra
     return blocks[:, 0], blocks[:, 1], blocks[:, 2]
 
 
-def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
-    """Rows (cos^2, sin cos, sin^2), or as many as the order has, at angles (L,), and their derivatives: (L, p) each."""
-    sine, cosine = np.sin(angles)[:, None], np.cos(angles)[:, None]
-    k = np.arange(order + 1)
-    m = order - k
-    slopes = k * sine ** np.maximum(k - 1, 0) * cosine ** (m + 1) - m * sine ** (k + 1) * cosine ** np.maximum(m - 1, 0)
-    return sine**k * cosine**m, slopes
+def turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
+    """Rows (cos, sin) or (cos^2, sin cos, sin^2) at angles (...), and their derivatives: (..., p) each."""
+    sine, cosine = np.sin(angles), np.cos(angles)
+    if order == 1:
+        return np.stack([cosine, sine], axis=-1), np.stack([-sine, cosine], axis=-1)
+    both, squares = sine * cosine, (cosine * cosine, sine * sine)
+    slopes = [-2.0 * both, squares[0] - squares[1], 2.0 * both]
+    return np.stack([squares[0], both, squares[1]], axis=-1), np.stack(slopes, axis=-1)
 
 
 @lru_cache(maxsize=8)

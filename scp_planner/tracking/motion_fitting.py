@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, joined, rows_of
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 from scp_planner.tracking.confidence import StudentErrors
 from scp_planner.tracking.conformal import conformal_quantile
 from scp_planner.tracking.dynamics import dynamics_of
-from scp_planner.tracking.kalman import Scan, predict_state, run_filter
+from scp_planner.tracking.kalman import Scan, predict_state, run_filter, scans_of
+from scp_planner.tracking.maximum_likelihood import CheckedObservations
 from scp_planner.tracking.tracks import Track, Tracks
 
 
@@ -121,18 +122,13 @@ def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
 
 def _scans(tracks: Tracks) -> list[Scan]:
     """Positions of all tracks, one each at a time; those of the longest tracks first."""
-    pieces: list[Track] = []
+    pieces: list[CheckedObservations] = []
     for track in tracks:
         parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / FIT.longest_piece))
-        pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
+        pieces += [CheckedObservations(track.times[part], track.positions[part]) for part in parts if len(part) > 1]
     if not pieces:
         raise EstimationError("tracks: none has more than one position")
-    pieces.sort(key=len, reverse=True)
-    left = [[piece for piece in pieces if len(piece) > i] for i in range(len(pieces[0]))]
-    return [
-        Scan(np.array([one.times[i] for one in some]), np.array([one.positions[i] for one in some]))
-        for i, some in enumerate(left)
-    ]
+    return list(scans_of(sorted(pieces, key=lambda piece: len(piece.times), reverse=True)))
 
 
 @dataclass(frozen=True)
@@ -170,33 +166,29 @@ def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tu
     if not len(steps):
         raise EstimationError("tracks: none has more than one position")
     tolerance = FIT.lead_tolerance * float(np.median(steps))
-    long = [(i, track) for i, track in enumerate(tracks) if len(track) > window]
-    times = [np.lib.stride_tricks.sliding_window_view(track.times[:-1], window) for _, track in long]
-    positions = [np.lib.stride_tricks.sliding_window_view(t.positions[:-1], window, axis=0) for _, t in long]
-    owners = [np.full(len(track) - window, i, dtype=np.intp) for i, track in long]
-    stretches = Stretches(
-        np.concatenate([np.zeros((0, window)), *times]),
-        np.concatenate([np.zeros((0, window, 2)), *(np.swapaxes(each, 1, 2) for each in positions)]),
-        np.concatenate([np.zeros(0, dtype=np.intp), *owners]),
-    )
-    firsts = np.cumsum([0, *(len(each) for each in owners)])
-    return stretches, [_targets([t for _, t in long], firsts, window, lead, tolerance) for lead in lead_times]
+    view = np.lib.stride_tricks.sliding_window_view
+    found, long = [Stretches(np.zeros((0, window)), np.zeros((0, window, 2)), np.zeros(0, dtype=np.intp))], []
+    for place, track in enumerate(tracks):
+        if len(track) > window:
+            times, positions = view(track.times[:-1], window), view(track.positions[:-1], window, axis=0)
+            found.append(Stretches(times, positions.swapaxes(1, 2), np.full(len(times), place)))
+            long.append(track)
+    firsts = np.cumsum([len(part.tracks) for part in found])
+    return joined(found), [_targets(long, firsts, window, lead, tolerance) for lead in lead_times]
 
 
 def _targets(tracks: Sequence[Track], firsts: Index, window: int, lead_time: float, tolerance: float) -> Targets:
     """Find the position of each track that is nearest to each stretch's end plus the lead time, if it is near."""
-    places, times, positions = [np.zeros(0, dtype=np.intp)], [np.zeros(0)], [np.zeros((0, 2))]
+    found = [Targets(np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, 2)))]
     for track, first in zip(tracks, firsts, strict=False):
         ends = np.arange(window - 1, len(track) - 1)
         wanted = track.times[ends] + lead_time
         after = np.clip(np.searchsorted(track.times, wanted), 1, len(track) - 1)
         nearer = wanted - track.times[after - 1] < track.times[after] - wanted
-        found = after - nearer
-        good = (found > ends) & (np.abs(track.times[found] - wanted) <= tolerance)
-        places.append(first + np.flatnonzero(good))
-        times.append(track.times[found[good]])
-        positions.append(track.positions[found[good]])
-    return Targets(np.concatenate(places), np.concatenate(times), np.concatenate(positions))
+        nearest = after - nearer
+        good = np.flatnonzero((nearest > ends) & (np.abs(track.times[nearest] - wanted) <= tolerance))
+        found.append(Targets(first + good, track.times[nearest[good]], track.positions[nearest[good]]))
+    return joined(found)
 
 
 def prediction_errors(
@@ -212,7 +204,7 @@ def prediction_errors(
     (state, _), errors = run_filter(model, scans), []
     for lead_time, target in zip(lead_times, targets, strict=True):
         rows = target.stretches
-        later = state.of(rows)
+        later = rows_of(state, rows)
         predict_state(dynamics_of(model), later, target.times)
         offsets, covariance = target.positions - later.mean[:, 0], later.covariance[:, :2, :2]
         squares = np.einsum("na,na->n", offsets, np.linalg.solve(covariance, offsets[..., None])[..., 0])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask, Single, run_of
+from scp_planner.arrays import Array, Index, Mask, Single, rows_of, run_of
 from scp_planner.settings.online import RARE
 from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
@@ -86,10 +86,6 @@ class Bank:
         self._whiten[..., slot] = np.linalg.inv(np.linalg.cholesky(covariance))
         self._least[slot] = np.linalg.eigvalsh(covariance)[0]
         self.polynomials.set_covariance(slot, self.noise * covariance)
-        self.clear(slot)
-        return slot
-
-    def clear(self, slot: int) -> None:
         self.polynomials.reset(slot)
         for array in (self.count, self._since, self.alarmed, self.weights, self.trend):
             array[..., slot] = 0
@@ -97,6 +93,7 @@ class Bank:
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
         self._end[slot] = _KEPT
+        return slot
 
     def give_back(self, slot: int) -> None:
         self._free.append(slot)
@@ -172,8 +169,7 @@ class Bank:
 
     def take_in_late(self, slot: int, time: float, position: Array) -> None:
         """Take in an observation that is older than the newest: only the polynomial motion learns of it."""
-        every = np.arange(len(self.count))
-        self.polynomials.update(time, np.tile(position, (len(every), 1)), seen=every == slot)
+        self.polynomials.take_in(np.array([slot]), np.array([time]), position[None])
 
     def surprise(self, slots: Index, times: Array, positions: Array) -> Array:
         """Squared standardised innovations that observations would be, (n,)."""
@@ -205,7 +201,7 @@ class Bank:
 
     def _polynomial_innovations(self, slots: Index, times: Array, positions: Array) -> tuple[Array, Array]:
         """Whitened innovations (2, n) of positions, 0 where too little was seen, and their variances (n,)."""
-        roots = self.polynomials.roots.of(slots)
+        roots = rows_of(self.polynomials.roots, slots)
         diagonal = np.abs(np.diagonal(roots.factor, axis1=1, axis2=2))
         sure = diagonal.min(axis=1) > PROBABILITY * diagonal.max(axis=1)
         factor = np.where(sure[:, None, None], roots.factor, np.eye(self.order + 1))
@@ -350,7 +346,7 @@ class Bank:
 
 
 def _places(rows: Index, slots: Index) -> tuple[Index | int, Index | slice]:
-    """Where the newest values (..., n) of some obstacles go in a ring, as a row and a run of slots where that does."""
+    """Rows and slots of the newest values (..., n) in a ring: one row and a run of slots, if all are in step."""
     return (int(rows[0]), run_of(slots)) if (rows == rows[0]).all() else (rows, slots)
 
 

@@ -256,14 +256,13 @@ class ProcessEstimate(MotionEstimate):
 
 def predicted_together(estimates: Sequence[MotionEstimate]) -> list[MotionEstimate]:
     """Let motions of one model that were observed last at one time share what is computed for their zones."""
-    found, alike = list(estimates), dict[tuple[Dynamics, Tails | None, float], list[int]]()
+    found, alike = list(estimates), dict[tuple[Dynamics, Tails | None, float], dict[int, ProcessEstimate]]()
     for place, one in enumerate(estimates):
         if isinstance(one, ProcessEstimate):
-            alike.setdefault((one.dynamics, one.tails, one.reference_time), []).append(place)
-    for (dynamics, tails, _), places in alike.items():
-        some = [one for place in places if isinstance(one := estimates[place], ProcessEstimate)]
-        mean, covariance = np.stack([one.mean for one in some]), np.stack([one.state_covariance for one in some])
-        shared = Predictions(dynamics, tails, mean, covariance)
-        for k, (place, one) in enumerate(zip(places, some, strict=True)):
+            alike.setdefault((one.dynamics, one.tails, one.reference_time), {})[place] = one
+    for (dynamics, tails, _), some in alike.items():
+        mean = np.stack([one.mean for one in some.values()])
+        shared = Predictions(dynamics, tails, mean, np.stack([one.state_covariance for one in some.values()]))
+        for k, (place, one) in enumerate(some.items()):
             found[place] = replace(one, shared=shared, place=k)
     return found

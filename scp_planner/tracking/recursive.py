@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,14 +33,6 @@ class SquareRoots:
     origin: Array
     first: Array  # Times of the first and the last observation
     last: Array  # Times of the first and the last observation
-
-    def of(self, some: Index) -> SquareRoots:
-        # Contiguous: so an estimate has the same bits beside others as alone.
-        return SquareRoots(**{name: np.ascontiguousarray(value[some]) for name, value in vars(self).items()})
-
-    @classmethod
-    def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 class RecursiveEstimator:
