@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, joined
 from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.rows import Rows
 from scp_planner.constraints.settling import settle_minima
@@ -118,7 +118,7 @@ class Clearance(Constraint):
         minima, touched = look.minima, look.contacts
         if count < len(look.zone):
             minima, touched = minima.take(index[:count]), touched.take(index[:count])
-        return TripPoints.joined([minima, points]), ZoneContacts.joined([touched, contacts])
+        return TripPoints.joined([minima, points]), joined([touched, contacts])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
         return entry_gradient(self.setup, trip, *self._met(trip, index))

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, joined
 from scp_planner.constraints.constraint import Constraint, Limit
 from scp_planner.constraints.setup import Setup
 from scp_planner.constraints.speed_limits import BESIDE
@@ -23,7 +23,7 @@ class TimedLimit(Limit):
     times: TimeTable
 
     def also_at(self, sigma: Array) -> Self:
-        return replace(self, times=TimeTable.joined([self.times, self.setup.space.time_table(sigma)]))
+        return replace(self, times=joined([self.times, self.setup.space.time_table(sigma)]))
 
 
 class Power(TimedLimit):

@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, joined
 
 MOST_INSTANTS = 4  # times the pieces of one polynomial: of so many instants, where any begins a piece, there is a table
 
@@ -35,14 +35,7 @@ class PiecewisePolynomials:
             return cls(np.zeros((0, 2)), np.zeros((0, 1, 1, width)))
         # np.concatenate of a thousand small arrays costs less than padding them one by one
         alike = [list(some) for _, some in groupby(items, key=lambda item: item.coefficients.shape[1:])]
-        items = [
-            some[0]
-            if len(some) == 1
-            else cls(
-                np.concatenate([one.breakpoints for one in some]), np.concatenate([one.coefficients for one in some])
-            )
-            for some in alike
-        ]
+        items = [some[0] if len(some) == 1 else joined(some) for some in alike]
         if len(items) == 1:
             return items[0]
         pieces = max(item.coefficients.shape[1] for item in items)

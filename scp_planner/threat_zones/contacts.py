@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,17 +23,6 @@ class ZoneContacts:
     def take(self, index: Index | slice) -> ZoneContacts:
         """Return some of the contacts."""
         return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
-
-    @classmethod
-    def joined(cls, parts: Sequence[ZoneContacts]) -> ZoneContacts:
-        """Return several sets of contacts as one."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            np.concatenate([part.distance for part in parts]),
-            np.concatenate([part.normal for part in parts]),
-            np.concatenate([part.rate for part in parts]),
-        )
 
 
 def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import sqrt
@@ -62,16 +61,6 @@ class TimeTable:
     def take(self, index: Index | slice) -> TimeTable:
         """Return the table of some of the times."""
         return TimeTable(self.sigma[index], self.acceleration[index], self.speed[index], self.distance[index])
-
-    @classmethod
-    def joined(cls, parts: Sequence[TimeTable]) -> TimeTable:
-        """Return several tables as one."""
-        return cls(
-            np.concatenate([part.sigma for part in parts]),
-            np.concatenate([part.acceleration for part in parts]),
-            np.concatenate([part.speed for part in parts]),
-            np.concatenate([part.distance for part in parts]),
-        )
 
 
 @lru_cache(maxsize=64)

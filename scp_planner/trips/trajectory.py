@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, joined
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -69,7 +69,7 @@ class TripPoints:
     def joined(cls, parts: Sequence[TripPoints]) -> TripPoints:
         """Return several sets of points as one."""
         return cls(
-            TimeTable.joined([part.table for part in parts]),
+            joined([part.table for part in parts]),
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.distance for part in parts]),
             np.concatenate([part.speed for part in parts]),
