@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ def kronecker(one: Array, two: Array) -> Array:
     product: Array = one[..., :, None, :, None] * two[..., None, :, None, :]
     a, c, b, d = product.shape[-4:]
     return product.reshape(*product.shape[:-4], a * c, b * d)
+
+
+def grown(values: NDArray[Any], size: int, axis: int = -1) -> NDArray[Any]:
+    """Return an array that is longer along an axis, with zeros at its end."""
+    more = np.zeros((values.ndim, 2), dtype=np.intp)
+    more[axis, 1] = size - values.shape[axis]
+    return np.pad(values, more)
 
 
 def run_of(places: Index) -> Index | slice:

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, run_of
+from scp_planner.arrays import Array, Index, grown, run_of
 from scp_planner.tracking.dynamics import WhiteJerk
 
 
@@ -75,10 +75,7 @@ class SlotStates(ABC):
         return found
 
     def grow(self, size: int) -> None:
-        more = size - self.mean.shape[-1]
-        self.mean, self.spread = (
-            np.concatenate([one, np.zeros((*one.shape[:-1], more))], axis=-1) for one in (self.mean, self.spread)
-        )
+        self.mean, self.spread = grown(self.mean, size), grown(self.spread, size)
 
 
 def _taken(values: Array, slots: Index) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask, Single, rows_of, run_of
+from scp_planner.arrays import Array, Index, Mask, Single, grown, rows_of, run_of
 from scp_planner.settings.online import RARE
 from scp_planner.tracking.filters import FilterModels, FilterStates, Mixture, SwingStates
 from scp_planner.tracking.recursive import RecursiveEstimator
@@ -113,9 +113,7 @@ class Bank:
         self.swings.grow(size)
         for name, array in vars(self).items():
             if isinstance(array, np.ndarray):
-                longer = np.zeros((*array.shape[:-1], size), dtype=array.dtype)
-                longer[..., : array.shape[-1]] = array
-                setattr(self, name, longer)
+                setattr(self, name, grown(array, size))
 
     def _declared(self, slots: Index) -> Array:
         """Covariances of the noise of some obstacles, as they are declared, (n, 2, 2) m^2."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Index, Mask, kronecker, run_of
+from scp_planner.arrays import Array, Index, Mask, grown, kronecker, run_of
 from scp_planner.errors import EstimationError
 from scp_planner.tracking.confidence import ErrorLaw, NormalErrors
 from scp_planner.tracking.maximum_likelihood import (
@@ -81,14 +81,12 @@ class RecursiveEstimator:
 
     def grow(self, obstacles: int) -> None:
         """Make room for more obstacles, so many in all, of which nothing has been seen."""
-        given = None if self._sigma is None else np.eye(2)
-        fresh = RecursiveEstimator(obstacles, self.order, given, varying=self._varying)
         old = len(self._count)
-        for name, value in vars(fresh).items():
+        for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                last = name in ("_factor", "_scatter", "_left", "_shrunk")
-                (value[..., :old] if last else value[:old])[...] = getattr(self, name)
-                setattr(self, name, value)
+                axis = -1 if name in ("_factor", "_scatter", "_left", "_shrunk") else 0
+                setattr(self, name, grown(value, obstacles, axis))
+        self.reset(slice(old, None))
 
     def set_covariance(self, obstacle: int, covariance: Array) -> None:
         """Change the known covariance (2, 2), m^2, of the observations of an obstacle."""
@@ -96,7 +94,7 @@ class RecursiveEstimator:
             raise EstimationError("covariance: it is not known here")
         self._sigma[obstacle] = covariance
 
-    def reset(self, obstacle: int = 0) -> None:
+    def reset(self, obstacle: int | slice = 0) -> None:
         self._factor[..., obstacle] = self._scatter[..., obstacle] = 0.0
         self._count[obstacle] = 0
         self._noise_sum[obstacle] = 0.0
