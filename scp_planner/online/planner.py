@@ -321,8 +321,9 @@ class Planner(Changeable):
         """Look for a route over the map, where that is due, and plan along it."""
         if route.renewed(now, self._means):
             self._set_out(route.scene, self.solver)
-            self._means.known = route.plan
             now.moment = self._means.moment(now.moment.state, now.last)
+        if route.plan is not None:
+            self._means.known, route.plan = route.plan, None
         now.unrouted = route.none
         now.lap("route")
 

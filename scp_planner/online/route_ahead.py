@@ -67,13 +67,6 @@ class FoundRoutes:
     plan: Plan | None = None  # A trip along the first among what stands
 
 
-@dataclass
-class StraightWay:
-    """The straight way to the goal, as far as a search for a route has come to know it."""
-
-    blocked: bool = False
-
-
 class RouteAhead:
     """The route under way round all that stands, if the straight guide does not serve it, and the search for it."""
 
@@ -81,10 +74,9 @@ class RouteAhead:
         """Take a scenario in units of the scene."""
         self.asked, self.scene = asked, asked
         self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
-        self.plan: Plan | None = None  # A trip along the route, where that is new
+        self.plan: Plan | None = None  # A trip that was found with the route, and is not driven yet
         self._due = True
         self._stuck = False  # There was no trip to the goal for long
-        self._straight = StraightWay()
         self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
         self._again = np.inf
@@ -96,7 +88,7 @@ class RouteAhead:
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
         found = self._looked(now, means)
-        self.none = SOUGHT if self._due and self._straight.blocked and not self._stuck else None
+        self.none = SOUGHT if self._due and not self._stuck else None
         return found
 
     def _looked(self, now: Replan, means: Means) -> bool:
@@ -129,7 +121,7 @@ class RouteAhead:
         """Return the search for a route that takes so long at most, s."""
         scene = changed(means.scenario_at(now.moment.state), guide=None)
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._straight)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -210,7 +202,6 @@ def _route_round(
     settings: SceneSettings,
     within: float,
     stuck: bool,
-    straight: StraightWay,
 ) -> FoundRoutes | None:
     """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s."""
     frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
@@ -225,13 +216,12 @@ def _route_round(
         route = None
     if route is None or route.straight:
         return FoundRoutes([], [])
-    straight.blocked = True
     pause()
     if route.least_time > within:
         return None
     plan = planned(scene, threat_zones=zones)
     if not plan.certified or (plan.trip.trajectory.space.guide.straight and not stuck):
-        return FoundRoutes([], [])
+        return FoundRoutes([], [], plan if plan.certified else None)
     line = straightened(_ahead(plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
     return FoundRoutes([np.concatenate([line[:-1], [scene.goal.position]])], [], plan)
 
