@@ -258,13 +258,13 @@ class Decision:
         return self._looked(now, fresh) or refusal
 
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
-        """Drive what was found with a route, or look at other ways round, where that is due."""
+        """Look at other ways round, where that is due; or drive what was found with a route, best if to its end."""
         known, self._means.known = self._means.known, None
         found = None if known is None else self._looks.as_it_is(now, known.trip)
-        if found is not None:
+        if found is not None and found.certified:
             return found
         self._put_off = False
-        return self._looks.look(now, fresh, None) if self._looks_now(now) else None
+        return (self._looks.look(now, fresh, None) if self._looks_now(now) else None) or found
 
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip."""
