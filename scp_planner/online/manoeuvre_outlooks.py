@@ -85,6 +85,7 @@ class ManoeuvreOutlooks:
         self._means = means
         self._patience = 1.0
         self._cells: CellDistances | None = None
+        self._next: tuple[Moment, Array, float] | None = None  # The place that manoeuvres lead to, of a moment
         self._growing = WORTH.growing * a_moment(means.given.vehicle)  # s for which zones grow in judging
 
     def be_patient(self, waited: float) -> None:
@@ -217,6 +218,11 @@ class ManoeuvreOutlooks:
         It is that which is to be passed next, or the goal, or where that is out of sight the last place on the guide
         that is not.
         """
+        if self._next is None or self._next[0] is not moment:
+            self._next = moment, *self._found_next(moment)
+        return frame.to_frame(self._next[1]), self._next[2]
+
+    def _found_next(self, moment: Moment) -> tuple[Array, float]:
         scenario = moment.scenario
         place = next(iter(scenario.goals), scenario.goal)
         found, radius = np.array(place.position), place.radius or 0.0
@@ -231,7 +237,7 @@ class ManoeuvreOutlooks:
             hidden = ~_is_clear(border, standing, moment.frame.to_frame(seen)).all(axis=0)
             if hidden.any():
                 found, radius = ahead[max(int(hidden.argmax()) - 1, 0)], 0.0
-        return frame.to_frame(found), radius
+        return found, radius
 
     def _lost_by_going_on(self, moment: Moment, trip: Trip) -> float:
         """By how much more the vehicle drives, m, as a trip goes on in one direction."""
@@ -312,8 +318,8 @@ def _is_clear(border: Border, standing: ZoneBatch, place: Array) -> Mask:
     clear: Mask = border.room(place) >= 0.0
     points = place.reshape(-1, 2)
     # Most of the walls of a long corridor are nowhere near
-    near = standing.subset(_within_box(standing, points)) if standing.size else standing
-    if near.size:
+    near = standing.subset(_within_box(standing, points)) if standing.size and len(points) else standing
+    if near.size and len(points):
         away = near.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
         clear = clear & (away >= 0.0).reshape(clear.shape)
     return clear
