@@ -260,7 +260,7 @@ class Decision:
     def _looked(self, now: Replan, fresh: Renewal) -> Vetted | None:
         """Look at other ways round, where that is due; or drive what was found with a route, best if to its end."""
         known, self._means.known = self._means.known, None
-        found = None if known is None else self._looks.as_it_is(now, known.trip)
+        found = None if known is None else self._looks.as_planned(now, known.trip)
         if found is not None and found.certified:
             return found
         self._put_off = False
@@ -303,8 +303,9 @@ class Decision:
         most = self._means.online.iterations
         if now.last is not None and self._means.safety_gate.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-        most = 1 if now.late else most
-        run = loop.run(ahead, most, deadline=now.to_improve, trust=DECISION.warm_trust, enough=1)
+        overdue = now.late
+        deadline = now.until_answer(overdue=overdue)
+        run = loop.run(ahead, 1 if overdue else most, deadline=deadline, trust=DECISION.warm_trust, enough=1)
         now.lap("scp", len(run.record))
         return run
 

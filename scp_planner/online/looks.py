@@ -70,7 +70,7 @@ class Look:
     cutoff: Cutoff
     starts: Iterator[Trip | Plan | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
-    whole: bool = False  # It may be driven as it is, where the loop does not get on with it
+    whole: bool = False  # The trip is a certified plan, to be driven as planned where the loop fails to improve it
     steps: int = 0  # ...after so many steps of the loop
     searching: Coroutine[Any] | None = None  # The search for the next start, where it is under way
 
@@ -158,13 +158,14 @@ class Looks:
         left = most * self._means.online.first_runs
         if not first:
             left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
-        left = 1 if now.late else left
+        overdue = now.late  # its turn has come all the same: for one step
+        left, deadline = 1 if overdue else left, now.until_answer(overdue=overdue)
         spare: Vetted | None = None
         while left > 0:
             if look.trip is None and not self._begins(now, look):
                 break
             whole, look.whole = look.trip if look.whole else None, False
-            run = self._go_on(now, fresh.loop, look, min(left, most - look.steps), cutoff)
+            run = self._go_on(now, fresh.loop, look, min(left, most - look.steps), cutoff, deadline)
             evaluation, left = run.evaluation, left - max(len(run.record), 1)
             clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + LOOKS.violation_cost * evaluation.worst_violation < cutoff
@@ -172,10 +173,10 @@ class Looks:
             hopeful = (
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
             )
-            as_it_is = None if whole is None or (clear and faster) else self.as_it_is(now, whole)
-            if as_it_is is not None and as_it_is.arrival - now.moment.state.time < cutoff:
+            as_planned = None if whole is None or (clear and faster) else self.as_planned(now, whole)
+            if as_planned is not None and as_planned.arrival - now.moment.state.time < cutoff:
                 look.trip = None
-                return as_it_is
+                return as_planned
             if (clear and faster) or hopeful:
                 kind = CandidateKind.ROUTE
                 vetted = self._means.vet(now, kind, fresh.problem.frame, evaluation.trajectory, evaluation, look.steps)
@@ -191,8 +192,8 @@ class Looks:
                 break
         return spare
 
-    def as_it_is(self, now: Replan, trip: Trip) -> Vetted | None:
-        """A whole trip from where the vehicle is, begun now where it stands, if it may be driven."""
+    def as_planned(self, now: Replan, trip: Trip) -> Vetted | None:
+        """Pass a planned trip, begun now if the vehicle stands, through the safety gate, if the vehicle is on it."""
         state = now.moment.state
         if state.speed <= STOPS.standing:
             trip = Trip(replace(trip.frame, time=state.time), trip.trajectory)
@@ -209,7 +210,7 @@ class Looks:
             self._look = None
         return more and now.aimless and look.trip is not None
 
-    def _go_on(self, now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float) -> LoopRun:
+    def _go_on(self, now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float, deadline: float) -> LoopRun:
         """Go on with the way that is being tried, by so many steps at most."""
         assert look.trip is not None
         start, trust = look.trip.trajectory, LOOP.first_trust
@@ -218,7 +219,7 @@ class Looks:
             start = remaining_trip(loop.problem, look.trip, now.moment.state, led=led)
             trust = LOOKS.trust if look.steps else LOOP.first_trust
         enough = None if now.aimless else LOOKS.fewest_steps
-        run = loop.run(start, most, cutoff, now.to_improve, trust, enough)
+        run = loop.run(start, most, cutoff, deadline, trust, enough)
         now.lap("scp", len(run.record))
         look.trip, look.steps = (
             Trip(loop.problem.frame, run.evaluation.trajectory),

@@ -215,8 +215,7 @@ class ManoeuvreOutlooks:
     def _next_place(self, moment: Moment, frame: PlanningFrame) -> tuple[Array, float]:
         """The place, (2,) m in a frame, that manoeuvres lead to, and its radius, m.
 
-        It is that which is to be passed next, or the goal, or where that is out of sight the last place on the guide
-        that is not.
+        The next place to pass, or the goal; where something that stands hides the guide, its last visible place.
         """
         if self._next is None or self._next[0] is not moment:
             self._next = moment, *self._found_next(moment)
@@ -228,8 +227,8 @@ class ManoeuvreOutlooks:
         found, radius = np.array(place.position), place.radius or 0.0
         if scenario.guide is not None:
             steps, border = scenario.vehicle.radius, self.border(moment)
-            speeds = np.hypot(*moment.batch.velocities.grid(np.zeros(1))[0].T)
-            standing = moment.batch.subset(np.flatnonzero(speeds < REASONS.still * scenario.vehicle.max_speed))
+            still = _speeds(moment.batch) < REASONS.still * scenario.vehicle.max_speed
+            standing = moment.batch.subset(np.flatnonzero(still))
             line = np.array(scenario.guide)
             along = lengths_along(line)
             ahead = points_at(np.arange(steps, min(along[-1], self._sight(moment)), steps), along, line)
@@ -255,8 +254,8 @@ class ManoeuvreOutlooks:
 
     def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
         """Clearance from each of L zones, (L, 1) m, below which a place counts as within them."""
-        speeds = np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
-        spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
+        share = np.minimum(_speeds(batch) / vehicle.max_speed, 1.0)
+        spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * share
         return spare[:, None]
 
     def border(self, moment: Moment) -> Border:
@@ -307,6 +306,11 @@ class ManoeuvreOutlooks:
         return 1.0 / (COURSES.limit_share * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
 
 
+def _speeds(batch: ZoneBatch) -> Array:
+    """Speeds of zones now, (L,) m/s."""
+    return np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
+
+
 def _that_stand(batch: ZoneBatch) -> ZoneBatch:
     stands = ~np.any(batch.velocities.coefficients, axis=(1, 2, 3))
     stands[batch.uncertain] = False
@@ -317,9 +321,10 @@ def _is_clear(border: Border, standing: ZoneBatch, place: Array) -> Mask:
     """True if places (..., 2), m, are within the border, and clear of zones that stand."""
     clear: Mask = border.room(place) >= 0.0
     points = place.reshape(-1, 2)
-    # Most of the walls of a long corridor are nowhere near
-    near = standing.subset(_within_box(standing, points)) if standing.size and len(points) else standing
-    if near.size and len(points):
+    if not standing.size or not len(points):
+        return clear
+    near = standing.subset(_within_box(standing, points))  # most of the walls of a long corridor are nowhere near
+    if near.size:
         away = near.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
         clear = clear & (away >= 0.0).reshape(clear.shape)
     return clear

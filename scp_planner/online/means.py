@@ -118,13 +118,9 @@ class Replan:
         """True if there is time for a part, of such stages, up to the deadline."""
         return self.pace.allows(self.deadline, part, *stages)
 
-    @property
-    def to_improve(self) -> float:
-        """Time on the computer's clock up to which a trip is improved, s: then it is certified, or it is evaded.
-
-        Without any time left one step is taken.
-        """
-        return math.inf if self.late else self.until("certificate", "evasion")
+    def until_answer(self, *, overdue: bool) -> float:
+        """Deadline of the loop on the computer's clock, s, before a certificate and an evasion; none if ``overdue``."""
+        return math.inf if overdue else self.until("certificate", "evasion")
 
     def until(self, *stages: str) -> float:
         """Time on the computer's clock up to which there is time left for stages, s."""
@@ -357,7 +353,7 @@ class Means:
         """Give trips along the ways to the goal that may be faster than a cutoff, s, or a plan in the ground."""
         over_map = any_way = problem.scenario.ground is not None
         start = problem.scenario.start
-        if over_map and not (self._missed and self.stays(self._missed, start)):
+        if over_map and not self.stays(self._missed, start):
             found = self._planned_along(problem.scenario, any_way=not math.isfinite(cutoff()))
             self._missed = None if found.certified else start
             if found.certified:

@@ -77,14 +77,15 @@ class OnlinePlan(Plan):
         """Return a plan in the units of its scene in SI units."""
         if units.are_those_of_the_user:
             return self
-        trip = self.trip.outside(units)
-        stop = trip if self.stop is self.trip or self.stop is None else self.stop.outside(units)
+        trip, stop = self.trip.outside(units), self.stop
+        if stop is not None:
+            stop = trip if stop is self.trip else stop.outside(units)
         return replace(
             self,
             trip=trip,
             clearance=self.clearance.outside(units),
             limits=uses_outside(self.limits, units),
-            stop=None if self.stop is None else stop,
+            stop=stop,
             branch_time=units.absolute(self.branch_time),
             legs=None if self.legs is None else self.legs.outside(units),
         )

@@ -223,10 +223,15 @@ def row_products(rows: Array, slopes: Array) -> Array:
     return np.concatenate([one[:, :, None] * other[:, None] for one, other in pairs]).reshape(3 * len(rows), -1)
 
 
+def errors_of(products: Array, covariance: Array) -> Array:
+    """Covariances (n, L, 2, 2) of errors, by products of the entries of rows (L, p p) that give them from states."""
+    states = covariance.transpose(0, 1, 3, 2, 4).reshape(len(covariance), -1, 4)
+    return (products @ states).reshape(len(covariance), -1, 2, 2)
+
+
 def error_blocks(products: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Covariances of errors, of them with their rates, and of these, where rows and slopes give both from states."""
-    states = covariance.transpose(0, 1, 3, 2, 4).reshape(len(covariance), -1, 4)
-    blocks = (products @ states).reshape(len(covariance), 3, -1, 2, 2)
+    blocks = errors_of(products, covariance).reshape(len(covariance), 3, -1, 2, 2)
     return blocks[:, 0], blocks[:, 1], blocks[:, 2]
 
 

@@ -21,6 +21,7 @@ from scp_planner.tracking.motion_estimate import (
     MotionPolynomials,
     check_span,
     error_blocks,
+    errors_of,
     integrate,
     row_products,
     standardised_speed,
@@ -71,8 +72,7 @@ class Predictions:
         flat, d = lead.ravel(), self.dynamics.states
         rows = self.dynamics.transition(flat)[:, 0]
         products = (rows[:, :, None] * rows[:, None]).reshape(len(flat), -1)
-        states = self.covariance.reshape(-1, d, 2, d, 2).transpose(0, 1, 3, 2, 4).reshape(-1, d * d, 4)
-        errors = (products @ states).reshape(-1, len(flat), 2, 2)
+        errors = errors_of(products, self.covariance.reshape(-1, d, 2, d, 2))
         errors[..., [0, 1], [0, 1]] += self.dynamics.noise(flat)[:, 0, 0, None]
         return self._inflation(lead)[..., None, None] * errors.reshape(-1, *lead.shape, 2, 2)
 

@@ -226,7 +226,7 @@ def test_a_vehicle_that_turns_in_wide_bends_to_a_goal_nearby_has_not_more_spans_
     units = NaturalUnits.of(scenario)
     problem = build_problem(units.scenario(scenario), (), for_scene(Settings(), units))
     space = problem.space
-    assert len(space.path.widths) <= 250
+    assert 20 <= len(space.path.widths) <= 30
     assert space.length / len(space.path.widths) < 100.0 / units.length  # m: its bends have a radius of 100 m
     again = guide_along(TripPath(space, np.zeros(space.path_size)), Settings())
     assert again.pieces <= 5 * 250
