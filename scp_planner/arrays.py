@@ -60,7 +60,7 @@ def run_of(places: Index) -> Index | slice:
     return slice(first, end) if is_run else places
 
 
-def rows_of(part: Rows, some: Index | slice) -> Rows:
+def rows_of(part: Rows, some: Index | Mask | slice) -> Rows:
     """Return some of the rows, contiguous: so each has the same bits beside others as alone."""
     return replace(part, **{one.name: np.ascontiguousarray(getattr(part, one.name)[some]) for one in fields(part)})
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.checked_trip import PIECES, CheckedTrip
-from scp_planner.certificate.clearance import EFFORT, Kept, VehicleDisc
-from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.checked_trip import PIECES, Checked, EnclosedT
+from scp_planner.certificate.clearance import EFFORT, Kept, least_clearance
+from scp_planner.certificate.enclosures import Pieces, VehicleDisc
 from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
 from scp_planner.certificate.verdict import Clearance, Violation
 from scp_planner.mathematics.occupancy import NAME, OccupancyMap
@@ -97,17 +98,30 @@ class CellsRound:
         return size * value, np.where(long, -np.inf, size * lower - away)
 
 
-def clear_of_cells(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc, precision: float) -> Kept:
-    """Bound the clearance of a disc of the vehicle from all occupied cells."""
-    ground = checked.scenario.ground
-    assert ground is not None
+def clearance_kept(checked: Checked[EnclosedT], pieces: Pieces, discs: Sequence[VehicleDisc], precision: float) -> Kept:
+    """Bound the clearance of a vehicle, whose discs are in its order, from zones and from the cells of a map."""
+    kept, ground = least_clearance(checked, pieces, discs, precision), checked.scenario.ground
+    if ground is None:
+        return kept
+    offsets = zip(checked.scenario.vehicle.discs, discs, strict=True)
+    return Kept.of_all([kept, *(_clear_of_cells(checked, ground.map, pieces, *one, precision) for one in offsets)])
+
+
+def _clear_of_cells(
+    checked: Checked[EnclosedT],
+    ground: OccupancyMap,
+    pieces: Pieces,
+    offset: float,
+    disc: VehicleDisc,
+    precision: float,
+) -> Kept:
+    """Bound the clearance of a disc, so far ahead of the reference point, m, from all occupied cells."""
     radius = checked.scenario.vehicle.radius
-    near = CellsRound(ground.map, radius)
+    near = CellsRound(ground, radius)
     certified, least, at = np.inf, np.inf, 0.0
     for _ in range(PIECES.max_halvings // 2):
         checked.go_on()
-        center = replace(disc.center, position=checked.trip.frame.to_world(disc.center.position))
-        value, lower = near.distances(center)
+        value, lower = near.distances(replace(disc, position=checked.frame.to_world(disc.position)))
         value, lower = value - radius - disc.off, lower - radius - disc.most_off
         worst = int(np.argmin(value))
         if value[worst] < least:
@@ -120,8 +134,8 @@ def clear_of_cells(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc, prec
             return Kept(Clearance(certified, NAME, checked.absolute(at)))
         if int((~done).sum()) > EFFORT.most_pieces:
             break
-        pieces = pieces.quarters(~done)
-        disc = VehicleDisc.on(checked.enclosed(pieces), disc.offset, checked.tube)
+        pieces = pieces.cut(~done, 4)
+        disc = checked.enclosed(pieces).disc(offset)
     touched = Violation("clearance", least, 0.0, checked.absolute(at), NAME)
     return Kept(Clearance(least, NAME, checked.absolute(at)), (touched,))
 

@@ -8,10 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
-from scp_planner.certificate.cells import clear_of_cells
+from scp_planner.certificate.cells import clearance_kept
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
-from scp_planner.certificate.clearance import Kept, VehicleDisc, least_clearance, leaves_bounds
-from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.clearance import leaves_bounds
 from scp_planner.certificate.ends import begins_beside, ends_broken
 from scp_planner.certificate.legs import certify_legs
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
@@ -151,23 +150,17 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     violations += [violation for finding in findings.values() for violation in finding.violations]
     uses = {name: finding.use for name, finding in findings.items()}
     checked.go_on()
-    discs = tuple(VehicleDisc.on(enclosure, offset, checked.tube) for offset in checked.scenario.vehicle.discs)
-    outside = [one for one in (leaves_bounds(checked, pieces, disc) for disc in discs) if one is not None]
+    offsets = checked.scenario.vehicle.discs
+    discs = tuple(enclosure.disc(offset) for offset in offsets)
+    beyond = (leaves_bounds(checked, pieces, enclosure, offset) for offset in offsets)
+    outside = [one for one in beyond if one is not None]
     known = motions is not None and checked.tube is None and not violations and not outside
     if motions is not None and known and keeps_speed_later(checked, limits):
         space, scenario = checked.trajectory.space, checked.scenario
         motions.add(checked.trip, KeptMotion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
-    kept = _kept(checked, pieces, discs, precision)
+    kept = clearance_kept(checked, pieces, discs, precision)
     violations += [*kept.violations, *outside]
     return Certificate(not violations, kept.clearance, uses, tuple(violations))
-
-
-def _kept(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], precision: float) -> Kept:
-    """Bound the clearance from zones and from the cells of a map."""
-    kept = least_clearance(checked, pieces, discs, precision)
-    if checked.scenario.ground is None:
-        return kept
-    return Kept.of_all([kept, *(clear_of_cells(checked, pieces, disc, precision) for disc in discs)])
 
 
 def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions) -> Certificate | None:
@@ -176,7 +169,7 @@ def _checked_again(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     part = motion.part(checked) if motion is not None and motion.serves(checked, ends) else None
     if motion is None or part is None:
         return None
-    kept = _kept(checked, part.pieces, part.discs, precision)
+    kept = clearance_kept(checked, part.pieces, part.discs, precision)
     if not kept.violations:
         return Certificate(True, kept.clearance, motion.limits)
     begun = checked.absolute(checked.first)

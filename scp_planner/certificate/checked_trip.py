@@ -1,18 +1,23 @@
-"""A trip under check: its scope, its zones, and enclosures on pieces of time."""
+"""A motion under check: its scope, its zones, and enclosures on pieces of time."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.certificate.enclosures import Enclosure, Pieces
+from scp_planner.certificate.enclosures import Enclosed, Enclosure, Pieces
 from scp_planner.certificate.tolerances import REPORT_PRECISION, SHORTEST_CHECK
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.pauses import look_at_the_clock
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.places import Line
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_clearances
 from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory
@@ -29,6 +34,7 @@ class PieceSettings:
     fewest: int = 16
     max_halvings: int = 22
     fewest_followed: int = 400  # places of a trip along a line that crosses itself
+    many_zones: int = 32  # more than these are first searched for those that can matter
 
 
 PIECES = PieceSettings()
@@ -55,15 +61,66 @@ class Scope:
 
 
 WHOLE = Scope()
+EnclosedT = TypeVar("EnclosedT", bound=Enclosed)
+
+
+class Checked(ABC, Generic[EnclosedT]):
+    """A motion under check, and what it is checked against, in natural units; pieces of time are on its own clock."""
+
+    scenario: Scenario
+    batch: ZoneBatch  # The zones in the motion's frame, inflated by the vehicle's radius
+    first: float  # From when on it is checked
+
+    @property
+    @abstractmethod
+    def frame(self) -> PlanningFrame:
+        """Frame of positions and of zones."""
+
+    @abstractmethod
+    def absolute(self, clock: float) -> float:
+        """Absolute time, s."""
+
+    @abstractmethod
+    def enclosed(self, pieces: Pieces) -> EnclosedT:
+        """Return what holds of the motion on pieces of time."""
+
+    @abstractmethod
+    def followed(self, line: Line) -> tuple[Array, Array] | None:
+        """Stations (n,) along a line that crosses itself, m, and by what progress (n,) it is there; else None."""
+
+    def near(self, most_off: float) -> ZoneBatch:  # noqa: ARG002 - of other motions
+        """Zones that could be the nearest one to a vehicle that is off by so much at most, or nearer than allowed."""
+        return self.batch
+
+    def go_on(self) -> None:
+        """Give the check up if it is late."""
+
+    def zone_instants(self) -> Array:
+        """Times on the planning clock at which a zone's motion, growth or turn changes to another polynomial, s."""
+        batch = self.batch
+        pieces = [part for part in (batch.centers, batch.covariances, batch.own_directions) if part is not None]
+        several = [part.instants for part in pieces if part.breakpoints.shape[1] > 2]
+        if len(several) == 1:
+            return several[0]
+        return np.unique(np.concatenate([np.zeros(0), *several]))
+
+    def broken(self, what: str, value: float, allowed: float, clock: float) -> Violation:
+        """Return that a limit is broken at a time."""
+        return Violation(what, value, allowed, self.absolute(clock))
+
+    def finding(self, what: str, value: float, limit: float, clock: float, *, kept: bool) -> Finding:
+        """Return the use of a limit, and that it is broken unless it is kept."""
+        use = LimitUse(value, float(limit) if np.isfinite(limit) else None, self.absolute(clock))
+        return Finding(use, () if kept else (self.broken(what, value, limit, clock),))
 
 
 @dataclass(frozen=True)
-class CheckedTrip:
-    """A trip, or a part of it, and what it is checked against."""
+class CheckedTrip(Checked[Enclosure]):
+    """A trip, or a part of it, and what it is checked against; its clock is normalised time."""
 
     scenario: Scenario  # In its natural units, as all the rest
     trip: Trip
-    batch: ZoneBatch  # The zones in the trip's frame, inflated by the vehicle's radius
+    batch: ZoneBatch
     first: float  # From when to when it is checked, in normalised time
     last: float  # From when to when it is checked, in normalised time
     start_speed: float  # Driving faster than allowed at the start is the scenario's business, not the plan's
@@ -83,21 +140,19 @@ class CheckedTrip:
         return cls(scenario, trip, batch, first, last, start_speed, scope.tube, scope.deadline)
 
     def go_on(self) -> None:
-        """Give the check up if it is late."""
         look_at_the_clock(self.deadline)
+
+    @property
+    def frame(self) -> PlanningFrame:
+        return self.trip.frame
 
     @property
     def trajectory(self) -> Trajectory:
         """The trip in its frame."""
         return self.trip.trajectory
 
-    def absolute(self, sigma: float) -> float:
-        """Absolute time at a normalised time, s."""
-        return self.trip.frame.time + self.trajectory.travel_time * float(sigma)
-
-    def broken(self, what: str, value: float, allowed: float, sigma: float) -> Violation:
-        """Return that a limit is broken at a normalised time."""
-        return Violation(what, value, allowed, self.absolute(sigma))
+    def absolute(self, clock: float) -> float:
+        return self.trip.frame.time + self.trajectory.travel_time * float(clock)
 
     def first_pieces(self, precision: float = np.inf) -> Pieces:
         """Return the pieces that a check begins with: between all knots of trip and zones, and short ones."""
@@ -118,17 +173,43 @@ class CheckedTrip:
 
     def zone_knots(self) -> Array:
         """Normalised times inside the trip at which a zone's motion, growth or turn changes to another polynomial."""
-        batch = self.batch
-        pieces = [part for part in (batch.centers, batch.covariances, batch.own_directions) if part is not None]
-        several = [part.instants for part in pieces if part.breakpoints.shape[1] > 2]
-        if not several:
-            return np.zeros(0)
-        knots = several[0] if len(several) == 1 else np.unique(np.concatenate(several))
-        knots = knots / self.trajectory.travel_time
+        knots = self.zone_instants() / self.trajectory.travel_time
         return knots[(knots > 0.0) & (knots < 1.0)]
 
+    def near(self, most_off: float) -> ZoneBatch:
+        batch, trajectory = self.batch, self.trajectory
+        # Of polygons that stand the bound to begin with is hardly dearer than these.
+        standing = 0 if batch.ground is None else len(batch.ground.zones)
+        if batch.size - standing <= PIECES.many_zones:
+            return batch
+        top = max(float(trajectory.speed_control_points().max()), 0.0)
+        ahead = max(map(abs, self.scenario.vehicle.discs))
+        for count in NEARNESS.looks:
+            self.go_on()
+            # Only where it is checked: a zone says nothing of what lies before it was made.
+            half = 0.5 * (self.last - self.first) / count
+            middle = np.linspace(self.first + half, self.last - half, count)
+            points = trajectory.driven(trajectory.space.time_table(middle))
+            half *= trajectory.travel_time
+            reach, position = half * top + ahead, points.path.position
+            bounds = least_clearances(batch, SweptBoxes(points.time, half, position - reach, position + reach))
+            if np.isneginf(bounds).all():
+                return batch
+            # The nearest zone comes at least as near as any zone is seen to be.
+            seen = batch.subset(np.argsort(bounds)[: NEARNESS.few_zones])
+            nearest = max(float(seen.distances(points.time, position).min()), 0.0)
+            batch = batch.subset(np.flatnonzero(bounds <= nearest + most_off))
+        return batch
+
+    def followed(self, line: Line) -> tuple[Array, Array] | None:
+        if not np.isfinite(line.loop):
+            return None
+        space = self.trajectory.space
+        parameters = np.linspace(0.0, 1.0, max(PIECES.fewest_followed, 2 * space.tables.cells) + 1)
+        stations = line.followed(self.frame.to_world(self.trajectory.path.places(parameters)))
+        return None if stations is None else (parameters * space.length, stations)
+
     def enclosed(self, pieces: Pieces) -> Enclosure:
-        """Return what holds of the trip on pieces of time, if there is time for it."""
         self.go_on()
         trajectory = self.trajectory
         path, length, count = trajectory.path, trajectory.space.length, len(pieces.middle)
@@ -165,6 +246,7 @@ class CheckedTrip:
             acceleration,
             over_time,
             middle,
+            self.tube,
         )
 
     def _jerk_bound(self, span: Index) -> Array:

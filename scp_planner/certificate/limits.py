@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.checked_trip import PIECES, CheckedTrip, Finding
+from scp_planner.certificate.bounding import Bounded, largest
+from scp_planner.certificate.checked_trip import Checked, CheckedTrip, EnclosedT, Finding
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.tolerances import END_TOLERANCE, RELATIVE_TOLERANCE
 from scp_planner.certificate.verdict import LimitUse
@@ -31,10 +30,13 @@ def limits_found(checked: CheckedTrip, limits: Limits, pieces: Pieces, enclosure
             found[name] = _bend_limit(checked, name, limit, pieces, enclosure)
     if vehicle.max_jerk is not None:
         found["jerk"] = _jerk(checked, vehicle.max_jerk)
-    for number, part in enumerate(stretches(checked.scenario)):
-        name = f"speed_limits[{number}]"
-        found[name] = _speed_limit(checked, name, part, pieces, enclosure)
-    return found
+    return found | speed_limits_found(checked, pieces, enclosure)
+
+
+def speed_limits_found(checked: Checked[EnclosedT], pieces: Pieces, enclosed: EnclosedT) -> dict[str, Finding]:
+    """Check the limits of speed on stretches of lines."""
+    parts = {f"speed_limits[{number}]": part for number, part in enumerate(stretches(checked.scenario))}
+    return {name: _speed_limit(checked, name, part, pieces, enclosed) for name, part in parts.items()}
 
 
 def keeps_speed_later(checked: CheckedTrip, limits: Limits) -> bool:
@@ -76,56 +78,35 @@ def _kept(
     allowed = limit + (RELATIVE_TOLERANCE * limit if tolerance is None else tolerance)
     found = highest(sign * coefficients, allowed)
     sigma = float(basis.breakpoints[found.piece] + found.local * basis.widths[found.piece])
-    use = LimitUse(sign * found.value, sign * limit, checked.absolute(sigma))
-    return Finding(use, () if found.kept else (checked.broken(what, use.worst, sign * limit, sigma),))
+    return checked.finding(what, sign * found.value, sign * limit, sigma, kept=found.kept)
 
 
-@dataclass(frozen=True)
-class _Bounded:
-    """A quantity on pieces: values (n,) in their middles, and bounds (n,) of its absolute values."""
-
-    value: Array
-    bound: Array
-
-
-def _bounded(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
+def _bounded(checked: CheckedTrip, name: str, enclosure: Enclosure) -> Bounded:
     match name:
         case "curvature":
-            return _Bounded(enclosure.curvature, enclosure.curvature_bound)
+            return Bounded(np.abs(enclosure.curvature), enclosure.curvature_bound)
         case "lateral_acceleration":
-            return _Bounded(enclosure.lateral, enclosure.lateral_bound)
+            return Bounded(np.abs(enclosure.lateral), enclosure.lateral_bound)
         case "curvature_rate":
             points = enclosure.path
             value = enclosure.speed * checked.trajectory.path.curvature_rate(points) / points.speed
-            return _Bounded(value, enclosure.curvature_rate)
+            return Bounded(np.abs(value), enclosure.curvature_rate)
         case "total_acceleration":
-            return _Bounded(
+            return Bounded(
                 np.hypot(enclosure.acceleration, enclosure.lateral),
                 np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound),
             )
         case "power":
-            return _Bounded(np.maximum(enclosure.acceleration, 0.0) * enclosure.speed, enclosure.power_bound)
+            return Bounded(np.maximum(enclosure.acceleration, 0.0) * enclosure.speed, enclosure.power_bound)
     raise AssertionError(name)
 
 
 def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, enclosure: Enclosure) -> Finding:
-    """Curvature, its rate, accelerations across or in total, or power, by quartering: rounds cost most."""
+    """Curvature, its rate, accelerations across or in total, or power."""
     checked.go_on()
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
-    best, best_sigma, kept = -1.0, 0.0, False
-    for _ in range(PIECES.max_halvings // 2):
-        quantity = _bounded(checked, name, enclosure)
-        worst = int(np.argmax(np.abs(quantity.value)))
-        if abs(quantity.value[worst]) > best:
-            best, best_sigma = float(abs(quantity.value[worst])), float(pieces.middle[worst])
-        undecided = quantity.bound > allowed
-        kept = not best > allowed and not undecided.any()
-        if best > allowed or kept:
-            break
-        pieces = pieces.quarters(undecided)
-        enclosure = checked.enclosed(pieces)
-    use = LimitUse(best, float(limit) if np.isfinite(limit) else None, checked.absolute(best_sigma))
-    return Finding(use, () if kept else (checked.broken(name, best, limit, best_sigma),))
+    found = largest(checked, pieces, enclosure, allowed, lambda one: _bounded(checked, name, one), parts=4)
+    return checked.finding(name, found.value, limit, found.when, kept=found.kept)
 
 
 def _jerk(checked: CheckedTrip, limit: float) -> Finding:
@@ -142,53 +123,29 @@ def _jerk(checked: CheckedTrip, limit: float) -> Finding:
         ends = np.abs(np.concatenate([pieces[:, :1], pieces.sum(axis=1, keepdims=True)], axis=1))
         piece, end = np.unravel_index(int(np.argmax(ends)), ends.shape)
         sigma, value = float(breaks[piece + end]), float(ends[piece, end])
-    kept = not value > limit * (1.0 + RELATIVE_TOLERANCE)
-    use = LimitUse(value, limit, checked.absolute(sigma))
-    return Finding(use, () if kept else (checked.broken("jerk", value, limit, sigma),))
+    return checked.finding("jerk", value, limit, sigma, kept=not value > limit * (1.0 + RELATIVE_TOLERANCE))
 
 
-def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces, enclosure: Enclosure) -> Finding:
-    """The speed wherever the vehicle may be in a stretch of a line, by halving."""
+def _speed_limit(checked: Checked[EnclosedT], name: str, part: Stretch, pieces: Pieces, enclosed: EnclosedT) -> Finding:
+    """The speed wherever the vehicle may be in a stretch of a line."""
     checked.go_on()
-    allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
-    best, best_sigma, kept = 0.0, 0.0, False
-    driven = _followed(checked, part)
-    for _ in range(PIECES.max_halvings):
-        about = None if driven is None else np.interp(enclosure.path.station, *driven)
-        half, speed = enclosure.half, enclosure.speed
-        position = checked.trip.frame.to_world(enclosure.path.position)
-        fastest = speed + enclosure.acceleration_bound * half
+    allowed, driven = part.speed * (1.0 + RELATIVE_TOLERANCE), checked.followed(part.line)
+
+    def speed_there(one: EnclosedT) -> Bounded:
+        pace = one.pace
+        position = checked.frame.to_world(pace.position)
+        about = None if driven is None else np.interp(pace.progress, *driven)
         station = part.line.nearest(position, about)
-        there = np.flatnonzero((station >= part.first) & (station <= part.last))
-        if len(there):
-            worst = there[np.argmax(speed[there])]
-            if speed[worst] > best:
-                best, best_sigma = float(speed[worst]), float(pieces.middle[worst])
-        if best > allowed:
-            break
-        undecided = fastest > allowed
-        undecided[undecided] = part.line.may_be_between(
-            position[undecided],
-            (fastest * half)[undecided] + END_TOLERANCE,
+        there = (station >= part.first) & (station <= part.last)
+        fast = pace.fastest > allowed
+        fast[fast] = part.line.may_be_between(
+            position[fast],
+            (pace.fastest * pace.half)[fast] + END_TOLERANCE,
             part.first,
             part.last,
-            None if about is None else about[undecided],
+            None if about is None else about[fast],
         )
-        kept = not undecided.any()
-        if kept:
-            break
-        pieces = pieces.halves(undecided)
-        enclosure = checked.enclosed(pieces)
-    use = LimitUse(best, part.speed, checked.absolute(best_sigma))
-    return Finding(use, () if kept else (checked.broken(name, best, part.speed, best_sigma),))
+        return Bounded(np.where(there, pace.speed, -np.inf), np.where(fast, pace.fastest, -np.inf))
 
-
-def _followed(checked: CheckedTrip, part: Stretch) -> tuple[Array, Array] | None:
-    """Stations along the guide, and those along a line that crosses itself of a vehicle there, m; or None."""
-    if not np.isfinite(part.line.loop):
-        return None
-    space = checked.trajectory.space
-    parameters = np.linspace(0.0, 1.0, max(PIECES.fewest_followed, 2 * space.tables.cells) + 1)
-    places = checked.trip.frame.to_world(checked.trajectory.path.places(parameters))
-    stations = part.line.followed(places)
-    return None if stations is None else (parameters * space.length, stations)
+    found = largest(checked, pieces, enclosed, allowed, speed_there, parts=2)
+    return checked.finding(name, max(found.value, 0.0), part.speed, found.when, kept=found.kept)

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, joined, rows_of
 from scp_planner.certificate.checked_trip import CheckedTrip
-from scp_planner.certificate.clearance import VehicleDisc
-from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.enclosures import Pieces, VehicleDisc
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.targets import obstacle_met
-from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trip import Trip
 
@@ -37,22 +35,23 @@ class PartOfMotion:
         parts = Pieces.between(np.sort(np.concatenate([begins[cut], ends[cut], knots])))
         # What lies between two pieces that are cut is none of them, unless it is cut, too
         here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)] & (parts.middle > checked.first)
-        parts = Pieces(parts.middle[here], parts.half[here])
+        parts = rows_of(parts, here)
         whole, lasts = np.searchsorted(ends, parts.middle), checked.trajectory.travel_time
         middle, half = lasts * parts.middle, lasts * parts.half
-        discs = [disc.part(~cut).with_more(_expanded(disc, whole, middle, half)) for disc in self.discs]
-        return PartOfMotion(self.pieces.part(~cut).with_more(parts), tuple(discs))
+        discs = [joined([rows_of(disc, ~cut), _expanded(disc, whole, middle, half)]) for disc in self.discs]
+        return PartOfMotion(joined([rows_of(self.pieces, ~cut), parts]), tuple(discs))
 
 
 def _expanded(disc: VehicleDisc, whole: Index, middle: Array, half: Array) -> VehicleDisc:
     """A disc on parts of its pieces, as Taylor's polynomial of degree 1 in the middle of each whole piece has it."""
-    center = disc.center.take(whole)
+    center = rows_of(disc, whole)
     away = middle - center.time
     reach = (np.abs(away) + half) / half
     place = center.position + away[:, None] * center.velocity
-    expanded = MovingPoint(middle, half, place, center.velocity, center.acceleration * reach * reach)
     # It may be farther from what is near than that by what the polynomial is off: only what is certain counts as hit.
-    return VehicleDisc(disc.offset, expanded, -0.5 * center.acceleration * away * away, np.zeros(len(whole)))
+    off = -0.5 * center.acceleration * away * away
+    bound = center.acceleration * reach * reach
+    return VehicleDisc(middle, half, place, center.velocity, bound, off, np.zeros(len(whole)))
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class KeptMotion:
         part = slice(int(np.searchsorted(finishes, checked.first, "right")), int(np.searchsorted(begins, checked.last)))
         if part.start >= part.stop:
             return None
-        found = PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
+        found = PartOfMotion(rows_of(self.pieces, part), tuple(rows_of(disc, part) for disc in self.discs))
         knots = checked.zone_knots()
         inside = (knots > begins[part.start]) & (knots < finishes[part.stop - 1])
         return found.cut(checked, knots[inside]) if inside.any() else found

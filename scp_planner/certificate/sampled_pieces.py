@@ -2,49 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask, cross, left_of
-from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.arrays import Array, Mask, cross, left_of
+from scp_planner.certificate.enclosures import Enclosed, Pace, Pieces, VehicleDisc
+from scp_planner.certificate.tolerances import STANDING_TURN
 from scp_planner.trips.sampled_motion import SampledMotion
 from scp_planner.trips.tolerances import WITHOUT_DIRECTION
 
 FEWEST_PARTS = 192  # of a motion at the first level
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Intervals of time in pieces of a motion."""
-
-    piece: Index  # (n,)
-    middle: Array  # (n,) s
-    half: Array  # (n,) s
-
-    def halves(self, keep: Mask) -> Parts:
-        """Return both halves of the parts that are kept: first all first ones."""
-        piece, middle, half = self.piece[keep], self.middle[keep], 0.5 * self.half[keep]
-        return Parts(np.tile(piece, 2), np.concatenate([middle - half, middle + half]), np.tile(half, 2))
-
-    def chunks(self, size: int) -> Iterator[Parts]:
-        """Give the parts, so many at a time."""
-        for first in range(0, len(self.piece), size):
-            some = slice(first, first + size)
-            yield Parts(self.piece[some], self.middle[some], self.half[some])
-
-
-def first_parts(motion: SampledMotion, knots: Array) -> Parts:
+def first_pieces(motion: SampledMotion, knots: Array) -> Pieces:
     """Cut a motion at the ends of its pieces and at other times, (k,) s, and into no fewer parts than a few."""
     first, last = motion.begin[0], motion.end[-1]
     even = np.linspace(first, last, FEWEST_PARTS + 1)
-    edges = np.unique(np.concatenate([motion.begin, [last], even, knots[(knots > first) & (knots < last)]]))
-    before, after = edges[:-1], edges[1:]
-    piece = np.searchsorted(motion.begin, before, "right") - 1
-    return Parts(piece, 0.5 * (before + after), 0.5 * (after - before))
+    inner = knots[(knots > first) & (knots < last)]
+    return Pieces.between(np.unique(np.concatenate([motion.begin, [last], even, inner])))
 
 
 @dataclass(frozen=True)
@@ -147,7 +125,7 @@ class PieceVelocities:
         return found
 
     @cached_property
-    def _courses(self) -> Array:
+    def courses(self) -> Array:
         """A direction for each piece, that of the one before where nothing moves, (m, 2)."""
         moving = np.isfinite(self.entering[:, 0])
         if not moving.any():
@@ -157,28 +135,49 @@ class PieceVelocities:
         found: Array = np.where(moving[:, None], self.entering, before)
         return found
 
-    def disc(self, parts: Parts, offset: float) -> MovingPoint:
-        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m, on parts."""
-        motion, piece = self.motion, parts.piece
-        velocity = motion.velocity_at(piece, parts.middle)
-        position = motion.position_at(piece, parts.middle)
+    def turned(self, offset: float) -> float:
+        """Largest distance of a disc from its course where the vehicle stands and turns by very little, m."""
+        return 0.5 * abs(offset) * min(float(self.standing_turn.max()), STANDING_TURN)
+
+
+@dataclass(frozen=True)
+class EnclosedSamples(Enclosed):
+    """Bounds of a motion given by samples on pieces of time, s, none across the end of one of its own pieces."""
+
+    velocities: PieceVelocities
+    pieces: Pieces
+
+    @property
+    def pace(self) -> Pace:
+        disc = self.disc(0.0)
+        speed = np.hypot(*disc.velocity.T)
+        return Pace(disc.half, disc.position, speed, speed + disc.acceleration * disc.half, disc.time)
+
+    def disc(self, offset: float) -> VehicleDisc:
+        known, motion, (middle, half) = self.velocities, self.velocities.motion, (self.pieces.middle, self.pieces.half)
+        piece = np.searchsorted(motion.begin, middle, "right") - 1
+        velocity = motion.velocity_at(piece, middle)
+        position = motion.position_at(piece, middle)
         bend = np.hypot(*motion.acceleration.T)[piece]
+        off = np.full(len(middle), known.turned(offset))
         if offset == 0.0:
-            return MovingPoint(parts.middle, parts.half, position, velocity, bend)
-        turn, speed = self.turn[piece], np.hypot(*velocity.T)
+            return VehicleDisc(middle, half, position, velocity, bend, off, off)
+        turn, speed = known.turn[piece], np.hypot(*velocity.T)
         turning = turn != 0.0
-        course = self._courses[piece].copy()
+        course = known.courses[piece].copy()
         course[turning] = velocity[turning] / speed[turning, None]
         across = left_of(course)
-        least = np.maximum(speed - bend * parts.half, self.slowest[piece])
+        least = np.maximum(speed - bend * half, known.slowest[piece])
         with np.errstate(divide="ignore", over="ignore"):
             rate = np.where(turning, turn / np.where(turning, speed, 1.0) ** 2, 0.0)
             most = np.where(turning, np.abs(turn) / np.where(turning, least, 1.0) ** 2, 0.0)
             change = 2.0 * most * bend / np.where(turning, least, 1.0)
-        return MovingPoint(
-            parts.middle,
-            parts.half,
+        return VehicleDisc(
+            middle,
+            half,
             position + offset * course,
             velocity + (offset * rate)[:, None] * across,
             bend + abs(offset) * np.hypot(change, most**2),
+            off,
+            off,
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, rows_of
 from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
@@ -27,22 +27,6 @@ class MovingPoint:
     position: Array  # (n, 2) In the middles, planning frame, m and m/s
     velocity: Array  # (n, 2) In the middles, planning frame, m and m/s
     acceleration: Array  # (n,) Bounds of the size of the second derivative on the intervals, m/s^2
-
-    def take(self, part: slice | Mask | Index) -> MovingPoint:
-        """Return some of the intervals."""
-        return MovingPoint(
-            self.time[part], self.half[part], self.position[part], self.velocity[part], self.acceleration[part]
-        )
-
-    def with_more(self, more: MovingPoint) -> MovingPoint:
-        """Return these intervals and, after them, others."""
-        return MovingPoint(
-            np.concatenate([self.time, more.time]),
-            np.concatenate([self.half, more.half]),
-            np.concatenate([self.position, more.position]),
-            np.concatenate([self.velocity, more.velocity]),
-            np.concatenate([self.acceleration, more.acceleration]),
-        )
 
 
 @dataclass(frozen=True)
@@ -103,7 +87,7 @@ class ZoneBounds:
             if go_on is not None:
                 go_on()
             some = slice(begin, begin + at_once)
-            bound[some] = self._crude(moving.take(some), remainders)
+            bound[some] = self._crude(rows_of(moving, some), remainders)
         return bound
 
     def _crude(self, moving: MovingPoint, remainders: _Remainders) -> Array:

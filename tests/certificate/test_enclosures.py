@@ -94,7 +94,7 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
             gap = threat.signed_distance(flat + FRAME.time, positions).reshape(times.shape) - RADIUS
             assert np.all(gap >= lower[:, column, None] - 1e-7)
             assert np.all(gap >= crude[:, column, None] - 1e-7)
-        pieces = pieces.halves(np.arange(len(pieces.middle)) % 3 == 0)
+        pieces = pieces.cut(np.arange(len(pieces.middle)) % 3 == 0, 2)
 
 
 class ClothoidGuide:
