@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Rows = TypeVar("Rows", bound="DataclassInstance")
-"""A dataclass of arrays, each with a row for each of the same things."""
+"""A dataclass of arrays, each with a row for each of the same things, or one row that is the same for all."""
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -62,10 +62,37 @@ def run_of(places: Index) -> Index | slice:
 
 def rows_of(part: Rows, some: Index | Mask | slice) -> Rows:
     """Return some of the rows, contiguous: so each has the same bits beside others as alone."""
-    return replace(part, **{one.name: np.ascontiguousarray(getattr(part, one.name)[some]) for one in fields(part)})
+
+    def taken(values: Any) -> Any:
+        if is_dataclass(values):
+            return rows_of(values, some)  # type: ignore[type-var]
+        return np.ascontiguousarray(values[some]) if _is_by_row(values, count) else values
+
+    count = _count(part)
+    return replace(part, **{one.name: taken(getattr(part, one.name)) for one in fields(part)})
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
-    together = {one.name: np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(parts[0])}
-    return replace(parts[0], **together)
+
+    def together(several: list[Any]) -> Any:
+        if is_dataclass(several[0]):
+            return joined(several)
+        for values, count in zip(several, counts, strict=True):
+            if not _is_by_row(values, count):
+                return values
+        return np.concatenate(several)
+
+    counts = [_count(part) for part in parts]
+    names = [one.name for one in fields(parts[0])]
+    return replace(parts[0], **{name: together([getattr(part, name) for part in parts]) for name in names})
+
+
+def _count(part: DataclassInstance) -> int:
+    """Number of rows: of the first array."""
+    values = (getattr(part, one.name) for one in fields(part))
+    return next((len(one) for one in values if isinstance(one, np.ndarray)), 0)
+
+
+def _is_by_row(values: Any, count: int) -> bool:
+    return isinstance(values, np.ndarray) and len(values) == count

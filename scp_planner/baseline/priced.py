@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, rows_of
 from scp_planner.baseline.tolerances import COUNTS, SETTLED_EXCESS
 from scp_planner.constraints.clearance import local_minima, refine_minima
 from scp_planner.constraints.constraint import Constraint
@@ -41,7 +41,7 @@ def uniform(problem: Problem, zones: float, others: float) -> Array:
 def times_near(problem: Problem, trajectory: Trajectory, near: float) -> Array:
     """Return the problem's normalised times, and more about the minima of clearance below ``near``, m, of a trip."""
     grid, zones = problem.equidistant, problem.zones
-    points = trajectory.at(problem.samples.take(np.arange(problem.grid)))
+    points = trajectory.at(rows_of(problem.samples, slice(problem.grid)))
     clearance = zones.distances(points.time, points.path.position, near)
     row, zone = local_minima(clearance, near)
     minima = refine_minima(grid, clearance, row, zone)

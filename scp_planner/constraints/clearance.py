@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask, joined
+from scp_planner.arrays import Array, Index, Mask, joined, rows_of
 from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.rows import Rows
 from scp_planner.constraints.settling import settle_minima
@@ -117,8 +117,8 @@ class Clearance(Constraint):
         contacts = self.zones.contacts(zone, points.time, points.path.position)
         minima, touched = look.minima, look.contacts
         if count < len(look.zone):
-            minima, touched = minima.take(index[:count]), touched.take(index[:count])
-        return TripPoints.joined([minima, points]), joined([touched, contacts])
+            minima, touched = rows_of(minima, index[:count]), rows_of(touched, index[:count])
+        return joined([minima, points]), joined([touched, contacts])
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
         return entry_gradient(self.setup, trip, *self._met(trip, index))

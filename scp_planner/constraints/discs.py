@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, rows_of
 from scp_planner.constraints.box import DiscInBox
 from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.setup import Setup
@@ -73,7 +73,7 @@ class DiscClearance(Constraint):
 
     def _contacts(self, trip: Trajectory, sample: Index, zone: Index) -> ZoneContacts:
         points = trip.kept_at(self.setup.samples)
-        return self.zones.contacts(zone, points.time[sample], disc_positions(points.path.take(sample), self.ahead))
+        return self.zones.contacts(zone, points.time[sample], disc_positions(rows_of(points.path, sample), self.ahead))
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
         sample, zone = np.divmod(index, max(self.zones.size, 1))
@@ -95,7 +95,7 @@ class DiscClearance(Constraint):
         zone = np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near)
         sample = depths[:, zone].argmax(axis=0)
         normal = self._contacts(trip, sample, zone).normal
-        sides = (normal * trip.kept_at(self.setup.samples).path.take(sample).normal).sum(axis=1)
+        sides = (normal * rows_of(trip.kept_at(self.setup.samples).path, sample).normal).sum(axis=1)
         return dict(zip(zone.tolist(), np.where(sides > 0.0, 1, -1).tolist(), strict=True))
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, joined
 from scp_planner.constraints.constraint import Constraint, LastTrip, TwoSidedLimit
 from scp_planner.constraints.curvature import OPPOSITE, curvature_gradient
 from scp_planner.constraints.rows import Rows
@@ -37,15 +37,6 @@ class StationSites:
     def lateral(self) -> Array:
         """Lateral acceleration, (n,) m/s^2, signed."""
         return self.speed * self.speed * self.bend.curvature
-
-    def joined(self, other: StationSites) -> StationSites:
-        """Return both sets of stations."""
-        return StationSites(
-            np.concatenate([self.parameters, other.parameters]),
-            PathBend.joined([self.bend, other.bend]),
-            np.concatenate([self.sigma, other.sigma]),
-            np.concatenate([self.speed, other.speed]),
-        )
 
 
 def station_sites(trip: Trajectory, parameters: Array) -> StationSites:
@@ -83,14 +74,6 @@ class _Basis:
     def fixed(cls, trip: Trajectory) -> _Basis:
         tables = trip.space.tables
         return cls(tables.station_rows, tables.station_slopes, tables.station_bends, trip.path.station_gradients)
-
-    def joined(self, other: _Basis) -> _Basis:
-        return _Basis(
-            np.concatenate([self.rows, other.rows]),
-            np.concatenate([self.slopes, other.slopes]),
-            np.concatenate([self.bends, other.bends]),
-            np.concatenate([self.arc_length, other.arc_length]),
-        )
 
 
 @dataclass(frozen=True)
@@ -136,7 +119,7 @@ class LateralAcceleration(TwoSidedLimit):
         return Look(stations, peaks, jumps, trip.path.bend(jumps.path), float(lateral.max()))
 
     def _jumps(self, trip: Trajectory, times: TimeTable) -> TripPoints:
-        return trip.kept_at(times).part(slice(self.setup.grid, len(self.setup.samples.sigma)), self.setup.jumps)
+        return trip.kept_at(times).take(slice(self.setup.grid, len(self.setup.samples.sigma)))
 
     def use(self, trip: Trajectory) -> Array:
         look = self.look(trip)
@@ -158,7 +141,7 @@ class LateralAcceleration(TwoSidedLimit):
         look = self.look(trip)
         sites, basis = look.stations, _Basis.fixed(trip)
         if len(look.peaks.parameters):
-            sites, basis = sites.joined(look.peaks), basis.joined(_Basis.at(trip, look.peaks.parameters))
+            sites, basis = joined([sites, look.peaks]), joined([basis, _Basis.at(trip, look.peaks.parameters)])
         gradient = self._at_stations(trip, sites, basis)
         if look.jumps is not None and len(look.jumps.time):
             gradient = np.concatenate([gradient, gradient_at_times(self.setup, trip, look.jumps, look.jump_bend)])

@@ -40,7 +40,3 @@ class Rows:
         """Return no rows."""
         nothing: Index = np.zeros(0, dtype=np.intp)
         return cls(np.zeros((0, width)), np.zeros(0), nothing, nothing)
-
-    def take(self, index: Index) -> Rows:
-        """Return some of the rows."""
-        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index])

@@ -72,10 +72,6 @@ class Setup:
         return self.samples.sigma[: self.grid]
 
     @cached_property
-    def jumps(self) -> TimeTable:
-        return self.samples.take(slice(self.grid, None))
-
-    @cached_property
     def highest_accelerations(self) -> Array:
         """Upper bounds of the accelerations, (K2,) m/s^2; a given one at the start is its own."""
         return self._bounds(self.limits.acceleration)

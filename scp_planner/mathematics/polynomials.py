@@ -56,10 +56,6 @@ class PiecewisePolynomials:
         """Number L of polynomials."""
         return int(self.coefficients.shape[0])
 
-    def take(self, index: Index) -> PiecewisePolynomials:
-        """Return some of the polynomials."""
-        return PiecewisePolynomials(self.breakpoints[index], self.coefficients[index])
-
     def shifted(self, delay: float) -> PiecewisePolynomials:
         """Return the same functions of a clock that shows ``t - delay``."""
         return PiecewisePolynomials(self.breakpoints - delay, self.coefficients)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scp_planner.arrays import rows_of
 from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
@@ -37,4 +38,4 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
     box[:count] = trust.theta * problem.space.tables.leverage[problem.ends.free]
     box[count:-1] = trust.beta * problem.agility
     box[-1] = trust.rho
-    return rows.take((np.abs(rows.matrix) @ box >= rows.gap).nonzero()[0])
+    return rows_of(rows, (np.abs(rows.matrix) @ box >= rows.gap).nonzero()[0])

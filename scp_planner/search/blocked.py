@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, rows_of
 from scp_planner.constraints.ends import FOLD
 from scp_planner.pauses import pause
 from scp_planner.problem.problem import Problem
@@ -49,18 +49,6 @@ class Cuts:
     upper: Array  # (n,) Ends of the blocked offsets, and the offset of the zone's centre
     middle: Array  # (n,) Ends of the blocked offsets, and the offset of the zone's centre
     lasting: bool = False
-
-    def only(self, kept: Mask | Index) -> Cuts:
-        """Return some of them."""
-        return Cuts(
-            self.line[kept],
-            self.delay[kept],
-            self.zone[kept],
-            self.lower[kept],
-            self.upper[kept],
-            self.middle[kept],
-            self.lasting,
-        )
 
 
 class Lines:
@@ -105,7 +93,7 @@ class Lines:
             cut = sections(zones, zone[rows], times[rows], origins, tangents)
             lower[rows], upper[rows] = cut.lower + self.grid.shrunk, cut.upper - self.grid.shrunk
         found = Cuts(line, delay, zone, lower, upper, middle)
-        return found.only(lower < upper)
+        return rows_of(found, lower < upper)
 
     def all_cuts(self, some: Index, delays: range) -> Iterator[Cuts]:
         """Yield what some zones block on all lines at some delays, whole stretches of them, a part at a time."""
@@ -275,7 +263,7 @@ class Cells:
         for cuts in kept:
             # All at once, as if each had lines of its own
             number, index = (zones[:, None] == cuts.zone).nonzero()
-            some = cuts.only(index)
+            some = rows_of(cuts, index)
             some = replace(some, line=some.line + count * number)
             for lines, words in self._blocked(some, sides[number], known):
                 bounds = lines.searchsorted(count * np.arange(len(closed) + 1)).tolist()
@@ -295,7 +283,7 @@ class Cells:
             part, side = cuts, sides
             if len(lines) > at_once:
                 here = np.flatnonzero((place >= begin) & (place < begin + at_once))
-                part, side = cuts.only(here), sides[here]
+                part, side = rows_of(cuts, here), sides[here]
                 part = replace(part, line=part.line - begin)
             blocked = np.zeros((len(some), self.shape[1], marked), dtype=np.bool_)
             self._mark(blocked, part, side)

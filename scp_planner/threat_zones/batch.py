@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask, cross
+from scp_planner.arrays import Array, Index, Mask, cross, rows_of
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outlines
@@ -64,7 +64,7 @@ class ZoneBatch:
 
         def sorted_points(paths: Sequence[PiecewisePolynomials]) -> PiecewisePolynomials:
             points = frame.points_batch([*known, *paths])
-            return points.take(order) if known and parts else points
+            return rows_of(points, order) if known and parts else points
 
         place = order = np.arange(len(parts))
         if known:  # discs first, then all in the order of the zones
@@ -171,19 +171,19 @@ class ZoneBatch:
         uncertain, shaped = self.slot[index], self.outline_slot[index]
         covariances, outlines = None, None
         if self.covariances is not None and np.any(uncertain >= 0):
-            covariances = self.covariances.take(uncertain[uncertain >= 0])
+            covariances = rows_of(self.covariances, uncertain[uncertain >= 0])
         if self.outlines is not None and np.any(shaped >= 0):
             outlines = self.outlines.take(shaped[shaped >= 0])
         return ZoneBatch(
             ids=tuple(self.ids[i] for i in index),
             radius=self.radius[index],
-            centers=self.centers.take(index),
+            centers=rows_of(self.centers, index),
             uncertain=np.flatnonzero(uncertain >= 0),
             covariances=covariances,
             shaped=np.flatnonzero(shaped >= 0),
             outlines=outlines,
-            own_directions=None if self.own_directions is None else self.own_directions.take(index),
-            expected=None if self.expected is None else self.expected.take(index),
+            own_directions=None if self.own_directions is None else rows_of(self.own_directions, index),
+            expected=None if self.expected is None else rows_of(self.expected, index),
         )
 
     @cached_property

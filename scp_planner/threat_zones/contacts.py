@@ -20,10 +20,6 @@ class ZoneContacts:
     normal: Array  # (n, 2) Unit normal nu of the supporting line, from the zone towards the point
     rate: Array  # (n,) Time derivative of the distance at a fixed point, m/s
 
-    def take(self, index: Index | slice) -> ZoneContacts:
-        """Return some of the contacts."""
-        return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
-
 
 def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
     """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place."""

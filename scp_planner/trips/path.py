@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from math import factorial, perm
 
@@ -36,33 +35,6 @@ class PathPoints:
     speed: Array  # (n,) |r'|
     turning: Array  # (n, 3) The guide's curvature and its first two derivatives, 1/m and so on
 
-    def take(self, index: Index | slice) -> PathPoints:
-        """Return some of the points."""
-        return PathPoints(
-            self.span[index],
-            self.local[index],
-            self.station[index],
-            self.offset[index],
-            self.slope[index],
-            self.stretch[index],
-            self.position[index],
-            self.direction[index],
-            self.normal[index] if len(self.normal) == len(self.station) else self.normal,
-            self.speed[index],
-            self.turning[index] if len(self.turning) == len(self.station) else self.turning,
-        )
-
-    @classmethod
-    def joined(cls, parts: Sequence[PathPoints]) -> PathPoints:
-        """Return several sets of points as one."""
-        shared = any(len(part.normal) != len(part.station) for part in parts)
-        same = {"normal": _UP, "turning": _STRAIGHT} if shared else {}
-        names = [name for name in _POINT_FIELDS if name not in same]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, **same)
-
-
-_POINT_FIELDS = tuple(field.name for field in fields(PathPoints))
-
 
 @dataclass(frozen=True)
 class PathBend:
@@ -72,22 +44,6 @@ class PathBend:
     value: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
     slope: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
     bend: Array  # (n,) Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere
-
-    def take(self, index: Index | slice | int) -> PathBend:
-        """Return some of the points."""
-        value = self.value[index] if len(self.value) == len(self.curvature) else self.value
-        return PathBend(self.curvature[index], value, self.slope[index], self.bend[index])
-
-    @classmethod
-    def joined(cls, parts: Sequence[PathBend]) -> PathBend:
-        """Return several sets of points as one."""
-        shared = any(len(part.value) != len(part.curvature) for part in parts)
-        return cls(
-            np.concatenate([part.curvature for part in parts]),
-            _ZERO if shared else np.concatenate([part.value for part in parts]),
-            np.concatenate([part.slope for part in parts]),
-            np.concatenate([part.bend for part in parts]),
-        )
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,6 @@ class TimeTable:
     speed: Array  # (n, K2) The basis C0, its antiderivative C1 and its second antiderivative C2
     distance: Array  # (n, K2) The basis C0, its antiderivative C1 and its second antiderivative C2
 
-    def take(self, index: Index | slice) -> TimeTable:
-        """Return the table of some of the times."""
-        return TimeTable(self.sigma[index], self.acceleration[index], self.speed[index], self.distance[index])
-
 
 @lru_cache(maxsize=64)
 def _gauss_cell(order: int) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import isclose
@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, joined
+from scp_planner.arrays import Array, Index, rows_of
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -51,32 +51,7 @@ class TripPoints:
 
     def take(self, index: Index | slice) -> TripPoints:
         """Return some of the points."""
-        return self.part(index, self.table.take(index))
-
-    def part(self, index: Index | slice, table: TimeTable) -> TripPoints:
-        """Return some of the points, given the table of their times."""
-        return TripPoints(
-            table,
-            self.time[index],
-            self.distance[index],
-            self.speed[index],
-            self.acceleration[index],
-            self.parameter[index],
-            self.path.take(index),
-        )
-
-    @classmethod
-    def joined(cls, parts: Sequence[TripPoints]) -> TripPoints:
-        """Return several sets of points as one."""
-        return cls(
-            joined([part.table for part in parts]),
-            np.concatenate([part.time for part in parts]),
-            np.concatenate([part.distance for part in parts]),
-            np.concatenate([part.speed for part in parts]),
-            np.concatenate([part.acceleration for part in parts]),
-            np.concatenate([part.parameter for part in parts]),
-            PathPoints.joined([part.path for part in parts]),
-        )
+        return rows_of(self, index)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import pytest
 from scenes import scene
 from slopes import assert_rows, curved_problem_and_trip, differences, moved, problem_and_trip, trip_near_the_guide
 
+from scp_planner.arrays import rows_of
 from scp_planner.constraints.clearance import SAMPLE_STRIDE, Clearance
 from scp_planner.constraints.constraint import Constraint
 from scp_planner.constraints.drive import STANDS, DriveRows, kept_by_every_step
@@ -68,7 +69,7 @@ def test_entries_at_minima_and_samples(degree: int) -> None:
     nearest = [np.flatnonzero(rows.group == zone)[rows.gap[rows.group == zone].argmin()] for zone in (0, 1)]
     np.testing.assert_allclose(-rows.gap[nearest], entry(trip))
     assert_rows(rows.matrix[nearest], differences(problem, trip, entry, 1e-5), 1e-3)
-    points = trip.at(problem.samples.take(np.arange(0, problem.grid, SAMPLE_STRIDE)))
+    points = trip.at(rows_of(problem.samples, np.arange(0, problem.grid, SAMPLE_STRIDE)))
     apart = problem.zones.distances(points.time, points.path.position)
     assert len(rows.gap) >= np.count_nonzero(apart < clearance.near)
 
@@ -128,13 +129,13 @@ def test_curvature_and_lateral_acceleration(degree: int, made: Made) -> None:
     assert_two_sided(constraint_of(problem, "curvature"), trip, value, difference, np.ones(len(value), dtype=bool))
     limit = constraint_of(problem, "lateral_acceleration")
     assert isinstance(limit, LateralAcceleration)
-    look, count = limit.look(trip), len(problem.jumps.sigma)
+    look, count = limit.look(trip), len(problem.samples.sigma) - problem.grid
     assert len(look.peaks.speed) > 0, "this trip is to come near the limit"
     assert look.jumps is not None and len(look.jumps.time) == count
 
     def lateral(other: Trajectory) -> Array:
         places = np.concatenate([look.stations.parameters, look.peaks.parameters])
-        there = other.at(problem.jumps)
+        there = other.at(rows_of(problem.samples, slice(problem.grid, None)))
         jumps = there.speed**2 * other.path.bend(there.path).curvature
         return np.concatenate([station_sites(other, places).lateral, jumps]) / problem.limits.lateral_acceleration
 

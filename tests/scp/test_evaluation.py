@@ -9,6 +9,7 @@ import pytest
 from scenes import disc, scene
 from slopes import curved_problem_and_trip, differences, problem_and_trip
 
+from scp_planner.arrays import rows_of
 from scp_planner.constraints.lateral import fixed_sites, station_sites
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
@@ -124,7 +125,7 @@ def test_rows_out_of_reach_are_left_out_and_cannot_be_violated(made: Any) -> Non
     box[: free.stop - free.start] = trust.theta * problem.space.tables.leverage[free]
     box[-1] = trust.rho
     rng = np.random.default_rng(4)
-    left = every.take(np.flatnonzero(~np.isin(every.key, some.key)))
+    left = rows_of(every, np.flatnonzero(~np.isin(every.key, some.key)))
     assert len(left.gap) == len(every.gap) - len(some.gap)
     for _ in range(200):
         assert np.all(left.matrix @ (box * rng.choice([-1.0, 1.0], len(box))) <= left.gap)
