@@ -8,7 +8,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.certificate.tolerances import NORMAL_OFFSET
-from scp_planner.mathematics.ellipse import support
+from scp_planner.mathematics.ellipse import support_point
 from scp_planner.mathematics.frames import directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -40,7 +40,7 @@ def polygons_inside(
             backwards = headings[met, part][:, None] * [1.0, -1.0]
             directions, places = turned_back(directions, backwards), turned_back(places, backwards)
         if covariances is not None and batch.slot[part] >= 0:
-            places = places + _ellipse_points(covariances[met, batch.slot[part]][:, None], directions)
+            places = places + support_point(covariances[met, batch.slot[part]][:, None], directions)
         yield met, center[met, None] + places
 
 
@@ -61,13 +61,4 @@ def _farthest(outline: Outline, directions: Array) -> Array:
         farthest: Array = outline.vertices[np.argmax(directions @ outline.vertices.T, axis=1)]
         return farthest
     assert outline.matrix is not None
-    return _ellipse_points(outline.matrix, directions)
-
-
-def _ellipse_points(matrix: Array, directions: Array) -> Array:
-    """The points A nu / sqrt(nu' A nu) of ellipses, A = (..., 3) m^2, farthest in directions nu (..., 2)."""
-    xx, xy, yy = np.moveaxis(matrix, -1, 0)
-    x, y = directions[..., 0], directions[..., 1]
-    # 1e-300 against a division by 0, of an ellipse that is a point
-    least = np.maximum(support(matrix, directions), 1e-300)
-    return np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1) / least[..., None]
+    return support_point(outline.matrix, directions)

@@ -13,6 +13,7 @@ from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.rows import Rows
 from scp_planner.constraints.settling import settle_minima
 from scp_planner.constraints.setup import Setup
+from scp_planner.constraints.swing import Swing
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.threat_zones.nearness import NEARNESS, nearness_of_samples
@@ -187,18 +188,29 @@ class SampledClearance(Constraint):
 
 
 def entry_gradient(
-    setup: Setup, trip: Trajectory, points: TripPoints, contacts: ZoneContacts, stands: Mask | None = None
+    setup: Setup,
+    trip: Trajectory,
+    points: TripPoints,
+    contacts: ZoneContacts,
+    stands: Mask | None = None,
+    ahead: float = 0.0,
 ) -> Array:
-    """Gradient of entries, (m, step), at points of a trip."""
+    """Gradient of entries, (m, step), at points of a trip, or of a disc so many m ahead of them."""
     path, tau, normal = points.path, trip.travel_time, contacts.normal
     x, y = normal[:, 0], normal[:, 1]
     along = (x * path.direction[:, 0] + y * path.direction[:, 1]) / path.speed
     if stands is not None:
         along[stands] = 0.0
+    if ahead == 0.0:
+        sideways = x * path.normal[:, 0] + y * path.normal[:, 1]
+        rows = sideways[:, None] * setup.space.path.rows_at(path.span, path.local)
+    else:
+        swing = Swing.of(path)
+        along += ahead * trip.path.bend(path).curvature * (x * swing.across[:, 0] + y * swing.across[:, 1])
+        rows = swing.rows(trip.path, path, normal, ahead)
     theta = trip.path.arc_length_gradient(points.parameter)
     theta *= along[:, None]
-    sideways = x * path.normal[:, 0] + y * path.normal[:, 1]
-    theta -= sideways[:, None] * setup.space.path.rows_at(path.span, path.local)
+    theta -= rows
     beta = (-tau * tau * along)[:, None] * points.table.distance
     return setup.of_all(theta, beta, -tau * points.table.sigma * (along * setup.space.start_speed + contacts.rate))
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, rows_of
 from scp_planner.constraints.box import DiscInBox
+from scp_planner.constraints.clearance import entry_gradient
 from scp_planner.constraints.constraint import Constraint, LastTrip
 from scp_planner.constraints.setup import Setup
-from scp_planner.constraints.swing import Swing, disc_positions
+from scp_planner.constraints.swing import disc_positions
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.threat_zones.nearness import NEARNESS, nearness_of_samples
@@ -77,17 +78,8 @@ class DiscClearance(Constraint):
 
     def gradient(self, trip: Trajectory, index: Index) -> Array:
         sample, zone = np.divmod(index, max(self.zones.size, 1))
-        contacts = self._contacts(trip, sample, zone)
-        points, tau = trip.kept_at(self.setup.samples).take(sample), trip.travel_time
-        path, swing = points.path, Swing.of(points.path)
-        along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
-        turned = np.einsum("ij,ij->i", contacts.normal, swing.across)
-        along += self.ahead * trip.path.bend(path).curvature * turned
-        theta = swing.rows(trip.path, path, contacts.normal, self.ahead)
-        theta -= along[:, None] * trip.path.arc_length_gradient(points.parameter)
-        beta = (tau * tau * along)[:, None] * points.table.distance
-        rho = tau * points.table.sigma * (along * trip.space.start_speed + contacts.rate)
-        return -self.setup.of_all(theta, beta, rho)
+        points, contacts = trip.kept_at(self.setup.samples).take(sample), self._contacts(trip, sample, zone)
+        return entry_gradient(self.setup, trip, points, contacts, ahead=self.ahead)
 
     def touched(self, trip: Trajectory, near: float) -> dict[int, int]:
         """Zones that the disc is nearer to than so much, m, and its side of them: 1 to the left, or -1."""

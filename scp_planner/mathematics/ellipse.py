@@ -27,6 +27,14 @@ def support(covariance: Array, normal: Array) -> Array:
     return np.sqrt(np.maximum(quadratic, 0.0))
 
 
+def support_point(covariance: Array, normal: Array) -> Array:
+    """The point C nu / sqrt(nu' C nu) of an ellipse at which a supporting line touches it, (..., 2)."""
+    xx, xy, yy = np.moveaxis(covariance, -1, 0)
+    x, y = normal[..., 0], normal[..., 1]
+    least = np.maximum(support(covariance, normal), 1e-300)  # against a division by 0, of an ellipse that is a point
+    return np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1) / least[..., None]
+
+
 def ellipse_contact(offset: Array, covariance: Array) -> Contact:
     """Exact signed distance from points to ellipses around the origin."""
     axes = _PrincipalAxes.of(offset, covariance)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, cross, rows_of
-from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
+from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support, support_point
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
@@ -411,7 +411,7 @@ class ZoneBatch:
             rate[blurred] -= _support_rate(covariance, self.covariances.derivative.at(slot, times[blurred]), nu)
             # The uncertainty does not turn with the shape.
             lever = offset.copy()
-            lever[blurred] -= _support_point(covariance, nu)
+            lever[blurred] -= support_point(covariance, nu)
         (rows,) = self.turning[index].nonzero()
         if len(rows):
             pointing = self.directions.at(index[rows], times[rows])
@@ -426,15 +426,6 @@ def _slots(index: Index, size: int) -> Index:
     slot = np.full(size, -1, dtype=np.intp)
     slot[index] = np.arange(len(index))
     return slot
-
-
-def _support_point(covariance: Array, normal: Array) -> Array:
-    """The point C nu / sqrt(nu' C nu) of an ellipse at which a supporting line touches it."""
-    xx, xy, yy = covariance.T
-    x, y = normal.T
-    return (
-        np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
-    )
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
