@@ -25,10 +25,10 @@ from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.legs import Legs
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip

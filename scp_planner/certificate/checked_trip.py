@@ -17,8 +17,8 @@ from scp_planner.pauses import look_at_the_clock
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.threat_zones.nearness import NEARNESS, SweptBoxes, least_clearances
-from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip

@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask, left_of
 from scp_planner.threat_zones.bounds import MovingPoint
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.trips.path import PathPoints
 
 

@@ -285,7 +285,7 @@ def fit_tracking(
     check_probability("--probability", probability)
     import numpy as np
 
-    from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
+    from scp_planner.threat_zones.error_tube import TrackingRecord, fit_tracking_tube
 
     records = []
     for rows in _drives(drives).values():

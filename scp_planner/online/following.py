@@ -14,7 +14,7 @@ from scp_planner.online.tolerances import OFF
 from scp_planner.scenario.models import Vehicle
 from scp_planner.scenario.scale import TOP_SPEED
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.trips.trip import Trip
 
 

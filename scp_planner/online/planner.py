@@ -38,9 +38,9 @@ from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.threat_zones.target import tracked
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.error_tube import TrackingTube
 
 logger = logging.getLogger(__name__)
 

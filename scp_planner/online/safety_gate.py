@@ -34,8 +34,8 @@ from scp_planner.scenario.units import changed
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 

@@ -10,7 +10,7 @@ from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import Certificate, Violation
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.scenario.models import Scenario
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
     from scp_planner.scp.given import UserConstraints
-    from scp_planner.tracking.error_tube import TrackingTube
+    from scp_planner.threat_zones.error_tube import TrackingTube
 
 CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
 GETS_AWAY = (

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scp_planner.scenario.models import Scenario
+    from scp_planner.threat_zones.error_tube import TrackingTube
     from scp_planner.threat_zones.zone import ThreatZone
-    from scp_planner.tracking.error_tube import TrackingTube
 
 _WORK = ("wall_time", "timings", "planned", "candidates")
 """Fields about the making of a plan, not about the plan."""

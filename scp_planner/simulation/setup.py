@@ -17,7 +17,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Script, World, as_course, drawn_course
 from scp_planner.solvers import QpSolver
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Space that obstacles may take, over time: one zone, many at once, bounds on intervals of time.
+"""Space that obstacles, and the vehicle round its plan, may take, over time: one zone, many at once, bounds.
 
-May import estimates, scenarios and mathematics. Begin with `zone`, then `batch`.
+May import estimates, scenarios and mathematics. Begin with `zone`, then `batch`. `error_tube` is about the vehicle.
 """

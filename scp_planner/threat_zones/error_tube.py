@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
+from scp_planner.threat_zones.tolerances import TUBE_TOLERANCE
 from scp_planner.tracking.conformal import conformal_quantile
-from scp_planner.tracking.tolerances import TUBE_TOLERANCE
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Vehicle

@@ -6,3 +6,4 @@ SAME_PLACE = 1e-9  # units of length, by which a centre may be off where it is t
 SAME_CONTACT = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 FLATTEST = 1e-9  # share of a covariance's trace that its determinant's root is at least taken for
 LEVEL = 1e-9  # of a direction across the guide: less is none
+TUBE_TOLERANCE = 1e-9  # relative: speeds and lateral accelerations above those recorded by no more are not refused

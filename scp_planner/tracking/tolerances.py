@@ -8,7 +8,6 @@ EQUAL_EIGENVALUES = 1e-9  # relative difference of two eigenvalues below which t
 TIME_TOLERANCE = 1e-9  # units of time; times this little before the last observation are taken for it
 LEAST_RISK_SHARE = 1e-9  # Least share, relative to the largest one.
 LAST_DIGITS = 8.0 * float_info.epsilon  # relative, of coefficients and residuals
-TUBE_TOLERANCE = 1e-9  # relative: speeds and lateral accelerations above those recorded by no more are not refused
 LAG_DIGITS = 12  # after the point, s, that tell lags apart
 SHORT_LAG = 0.05  # time constants, below which a series is used in place of a difference
 SERIES_TERMS = 12  # of it, all of that are larger than rounding

@@ -32,9 +32,9 @@ from scp_planner.errors import EstimationError
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.threat_zones.error_tube import TrackingTube
 from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.tracking.error_tube import TrackingTube
 from scp_planner.trips.guide import CurvedGuide, StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace

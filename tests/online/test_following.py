@@ -17,7 +17,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.setup import Follower
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 
 TUBE = TrackingTube(0.03, 0.05, 0.08, max_speed=4.0, max_lateral=3.0, probability=0.95, records=40)
 POST = disc("post", (9.0, 0.1), radius=0.5)

@@ -10,7 +10,7 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner.errors import EstimationError
 from scp_planner.planning.plan import PlanStatus
-from scp_planner.tracking.error_tube import TrackingTube
+from scp_planner.threat_zones.error_tube import TrackingTube
 
 TUBE = TrackingTube(0.03, 0.06, 0.12, max_speed=4.0, max_lateral=3.0, probability=0.95, records=40)
 POST = disc("post", (9.0, 0.1), radius=0.5)

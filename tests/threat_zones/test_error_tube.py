@@ -9,7 +9,7 @@ from scenes import VEHICLE, scene
 import scp_planner as sp
 from scp_planner.errors import EstimationError
 from scp_planner.scenario.models import Vehicle
-from scp_planner.tracking.error_tube import TrackingRecord, TrackingTube, fit_tracking_tube
+from scp_planner.threat_zones.error_tube import TrackingRecord, TrackingTube, fit_tracking_tube
 
 REPETITIONS = 25
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command import run
 
-from scp_planner.tracking.error_tube import TrackingRecord, fit_tracking_tube
+from scp_planner.threat_zones.error_tube import TrackingRecord, fit_tracking_tube
 
 
 def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) -> None:
