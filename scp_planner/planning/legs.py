@@ -104,8 +104,8 @@ class LegSearch:
         self.units = NaturalUnits.of(scenario)
         self.inside = self.units.scenario(self.scenario)
         self.curvature = self.inside.vehicle.max_curvature or 1.0 / self.inside.vehicle.radius
-        room, frame = LEGS.room / self.curvature, PlanningFrame((0.0, 0.0), 0.0, self.inside.start.time)
-        self.radius = self.inside.vehicle.radius + room
+        self.room, frame = LEGS.room / self.curvature, PlanningFrame((0.0, 0.0), 0.0, self.inside.start.time)
+        self.radius = self.inside.vehicle.radius + self.room
         known = ZonesOf(self.inside) if zones is None else [zone.inside(self.units) for zone in zones]
         self.batch = ZoneBatch.of(known, frame, self.radius)
         self.iterations = 0
@@ -231,7 +231,8 @@ class LegSearch:
                 made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
                 if made.certified:
                     return made
-            if made.clearance.obstacle not in moving or start.speed > 0.0 or perf_counter() > self.deadline:
+            touched = made.clearance.minimum < self.room * self.units.length and made.clearance.obstacle in moving
+            if not touched or start.speed > 0.0 or perf_counter() > self.deadline:
                 break
         return None
 

@@ -216,12 +216,15 @@ class ManoeuvreSearch:
     def _speed(self, sign: float) -> float:
         return self.drives.ahead if sign > 0.0 else self.drives.backwards
 
-    def _words(self, poses: Array, goal: Array) -> tuple[Array, Array]:
-        """Words from poses (n, 3) to a goal."""
-        away = (goal[:2] - poses[:, :2]) / self.drives.radius
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    def _words(self, poses: Array) -> tuple[Array, Array]:
+        """Words from poses (n, 3) to all goals, turns (w, 5) and lengths (n, w, 5)."""
+        count, each = len(self.goals), np.repeat(poses, len(self.goals), axis=0)
+        goals = np.tile(self.goals, (len(poses), 1))
+        away = (goals[:, :2] - each[:, :2]) / self.drives.radius
+        c, s = np.cos(each[:, 2]), np.sin(each[:, 2])
         x, y = c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]
-        return words(x, y, goal[2] - poses[:, 2])
+        turns, lengths = words(x, y, goals[:, 2] - each[:, 2])
+        return np.tile(turns, (count, 1)), lengths.reshape(len(poses), count * len(turns), turns.shape[1])
 
     def _times(self, lengths: Array, signs: Array) -> Array:
         """Times of words (n, w, 5) that follow on drives in directions (n,), inf where there is none, s."""
@@ -232,26 +235,24 @@ class ManoeuvreSearch:
 
     def _least_left(self, poses: Array, signs: Array) -> Array:
         """Time from poses to the goal over free ground, (n,) s."""
-        each = [self._times(self._words(poses, goal)[1], signs).min(axis=1) for goal in self.goals]
-        least: Array = np.min(each, axis=0)
+        least: Array = self._times(self._words(poses)[1], signs).min(axis=1)
         return least
 
     def _shots(self, nodes: _Nodes, chosen: Index) -> Iterator[Manoeuvre]:
         """Yield manoeuvres that end with a curve from one of some nodes to the goal."""
-        for goal in self.goals:
-            turns, lengths = self._words(nodes.pose[chosen], goal)
-            times = self._times(lengths, nodes.sign[chosen])
-            if self.first_ahead:
-                begins = nodes.sign[chosen] == 0.0
-                times[begins[:, None] & (np.nan_to_num(lengths)[..., 0] < 0.0)] = inf
-            of_each = len(turns) if len(chosen) == 1 else SEARCH.of_each
-            for number, node in enumerate(chosen.tolist()):
-                for word in np.argsort(times[number])[:of_each]:
-                    if not np.isfinite(times[number, word]):
-                        break
-                    curvature, driven = turns[word] / self.drives.radius, lengths[number, word] * self.drives.radius
-                    if self._is_clear(nodes.pose[node], curvature, driven):
-                        yield self._manoeuvre(nodes, node, curvature, driven)
+        turns, lengths = self._words(nodes.pose[chosen])
+        times = self._times(lengths, nodes.sign[chosen])
+        if self.first_ahead:
+            begins = nodes.sign[chosen] == 0.0
+            times[begins[:, None] & (np.nan_to_num(lengths)[..., 0] < 0.0)] = inf
+        of_each = len(turns) if len(chosen) == 1 else SEARCH.of_each
+        for number, node in enumerate(chosen.tolist()):
+            for word in np.argsort(times[number])[:of_each]:
+                if not np.isfinite(times[number, word]):
+                    break
+                curvature, driven = turns[word] / self.drives.radius, lengths[number, word] * self.drives.radius
+                if self._is_clear(nodes.pose[node], curvature, driven):
+                    yield self._manoeuvre(nodes, node, curvature, driven)
 
     def _is_clear(self, pose: Array, curvature: Array, lengths: Array) -> bool:
         count = max(2, int(np.ceil(np.abs(lengths).max() / self.step * 2.0)))

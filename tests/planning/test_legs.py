@@ -15,6 +15,8 @@ import pytest
 import shapely
 
 import scp_planner as sp
+from scp_planner.planning.legs import LegSearch
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.trips.legs import Leg, Legs, Stand
 
 CAR = {
@@ -176,6 +178,22 @@ def test_a_robot_turns_on_the_spot() -> None:
     assert not sp.certify(
         scenario.model_copy(update={"vehicle": sp.Vehicle(**{**robot, "max_turn_rate": 0.7})}), plan
     ).holds
+
+
+def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
+    robot = {**ROBOT, "max_curvature": 2.0, "reverse": {"max_speed": 1.0}}
+    start = {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 0.0}
+    far = {"id": "far", "shape": {"disc": 0.3}, "motion": {"position": [20, 20], "velocity": [0.1, 0]}}
+    goal = {"position": [-0.1, 1.3], "heading": 1.8}
+    scenario = sp.Scenario(vehicle=robot, start=start, goal=goal, obstacles=[far])
+    begins = set[float]()
+
+    def too_tight(scene: sp.Scenario, left: float | None, thorough: bool) -> sp.Plan:
+        begins.add(scene.start.time)
+        return replace(sp.plan(scene), status=PlanStatus.INFEASIBLE)
+
+    LegSearch(scenario, too_tight).run()
+    assert begins == {0.0}
 
 
 @pytest.mark.parametrize(
