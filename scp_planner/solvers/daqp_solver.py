@@ -53,10 +53,7 @@ class DaqpSolver:
 
 def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Solution:
     size, equalities = len(program.gradient), program.equalities
-    upper = np.concatenate([program.upper, program.bound])
-    lower = np.full(len(upper), -DAQP.no_bound)
-    lower[:size] = program.lower
-    lower[size : size + equalities] = program.bound[:equalities]
+    lower, upper = program.all_bounds(-DAQP.no_bound)
     sense = _touching_origin(lower, upper) if active is None else _sense(active)
     sense[size : size + equalities] = 0
     guessed = sense.any()

@@ -73,6 +73,14 @@ class QuadraticProgram:
     origin: StepOrigin | None = None
     time_limit: float = LONGEST_SOLVE
 
+    def all_bounds(self, none: float) -> tuple[Array, Array]:
+        """Lower and upper bounds of variables, then rows, (n + m,) each, no unit; ``none`` stands for no lower one."""
+        size, upper = len(self.gradient), np.concatenate([self.upper, self.bound])
+        lower = np.full(len(upper), none)
+        lower[:size] = self.lower
+        lower[size : size + self.equalities] = self.bound[: self.equalities]
+        return lower, upper
+
 
 @dataclass(frozen=True)
 class Solution:

@@ -70,11 +70,7 @@ class OsqpSolver:
 
 
 def _set_up(program: QuadraticProgram) -> osqp.OSQP:
-    size, equalities = len(program.gradient), program.equalities
-    upper = np.concatenate([program.upper, program.bound])
-    lower = np.full(len(upper), -np.inf)
-    lower[:size] = program.lower
-    lower[size : size + equalities] = program.bound[:equalities]
+    size, (lower, upper) = len(program.gradient), program.all_bounds(-np.inf)
     solver = osqp.OSQP()
     solver.setup(
         csc_matrix(np.triu(program.hessian)),
