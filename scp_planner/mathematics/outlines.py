@@ -34,9 +34,9 @@ class Outline:
     turning: bool = False
 
     @classmethod
-    def polygon(cls, vertices: Sequence[Sequence[float]] | Array, turning: bool = False) -> Outline:
+    def polygon(cls, vertices: Sequence[Sequence[float]] | Array) -> Outline:
         """Return a convex polygon, its vertices in either direction."""
-        return cls(vertices=_tidy(np.asarray(vertices, dtype=float)), turning=turning)
+        return cls(vertices=_tidy(np.asarray(vertices, dtype=float)))
 
     @classmethod
     def rectangle(cls, length: float, width: float, heading: float | None = None) -> Outline:

@@ -172,12 +172,7 @@ class PiecewisePolynomials:
     def at(self, index: Index, times: Array) -> Array:
         """Values of chosen polynomials, each at its own time: (n,) and (n,) s to (n, d)."""
         piece, elapsed = self.locate(index, times)
-        local = self.coefficients[index, piece]
-        value = local[:, -1].copy()
-        for power in range(local.shape[1] - 2, -1, -1):
-            value *= elapsed[:, None]
-            value += local[:, power]
-        return value
+        return horner(self.coefficients[index, piece].swapaxes(0, 1), elapsed[:, None])
 
     def at_with_rate(self, index: Index, times: Array) -> tuple[Array, Array]:
         """Values of chosen polynomials and their derivatives, each at its own time, (n, d) each."""
@@ -220,11 +215,7 @@ class PiecewisePolynomials:
             total += squares[:, :, part]
         sizes = np.sqrt(total)
         radius = 0.5 * (right - left)
-        bound = sizes[:, -1].copy()
-        for power in range(order - 2, -1, -1):
-            bound *= radius
-            bound += sizes[:, power]
-        return bound.reshape(count, pieces)
+        return horner(sizes.T, radius).reshape(count, pieces)
 
     def of_pieces(self, values: Array, times: Array) -> Array:
         """Return what holds at times, (n,) s, of values of all pieces, (L, S): (n, L), or (1, L) of single pieces."""
@@ -269,6 +260,15 @@ def expanded(coefficients: Array, shift: Array) -> Array:
     if coefficients.shape[1] == 1:
         return coefficients
     return np.matmul(shift_matrices(coefficients.shape[1], shift), coefficients)
+
+
+def horner(coefficients: Array, x: Array) -> Array:
+    """Values of polynomials with ascending coefficients along the first axis, (P, ...), at x."""
+    value: Array = coefficients[-1].copy()
+    for part in coefficients[-2::-1]:
+        value *= x
+        value += part
+    return value
 
 
 def shift_matrices(order: int, shift: Array) -> Array:

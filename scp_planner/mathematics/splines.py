@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.polynomials import horner
 
 MOST_GATHERED = 4_000_000  # coefficients at once, for values at many parameters
 
@@ -101,12 +102,7 @@ class PiecewiseBasis:
 
 def evaluate(coefficients: Array, span: Index, x: Array) -> Array:
     """Value of a spline given by local power coefficients, (M, P), at located parameters, (n,)."""
-    local = coefficients[span]
-    value = local[:, -1].copy()
-    for power in range(local.shape[1] - 2, -1, -1):
-        value *= x
-        value += local[:, power]
-    return value
+    return horner(coefficients[span].T, x)
 
 
 @lru_cache(maxsize=64)

@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.polynomials import horner
 from scp_planner.tracking.confidence import ErrorLaw
 from scp_planner.tracking.conformal import square_within
 from scp_planner.tracking.motion_estimate import POLYNOMIAL_TERMS
@@ -108,8 +109,4 @@ def _at(coefficients: Array, lag: Array) -> Array:
     if len(lag) and (lag == lag[0]).all():  # as in a frame: one product of matrices then does it
         powers = lag[0] ** np.arange(terms)
         return np.asarray((powers @ coefficients.reshape(terms, -1)).reshape(coefficients.shape[1:]))
-    values = coefficients[-1].copy()
-    for part in coefficients[-2::-1]:
-        values *= lag
-        values += part
-    return values
+    return horner(coefficients, lag)

@@ -10,6 +10,7 @@ from sys import float_info
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.polynomials import horner
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.trips.tolerances import ARC_ROUNDING, SPEED_ERROR
 
@@ -77,7 +78,7 @@ class ArcLength:
         self._rates = cells[order] * (0.5 * length * self._width)[:, None]
         self._driven = np.zeros((len(order), TABLE.order + 1))
         self._driven[:, 1:] = self._rates / np.arange(1, TABLE.order + 1)
-        self._driven[:, 0] = -_valued(self._driven.T, np.full(len(order), -1.0))
+        self._driven[:, 0] = -horner(self._driven.T, np.full(len(order), -1.0))
         self.until = np.zeros(len(order) + 1)
         self._lengths = self._driven.sum(axis=1)
         np.cumsum(self._lengths, out=self.until[1:])
@@ -114,7 +115,7 @@ class ArcLength:
         parameters = np.clip(np.asarray(parameters, dtype=float), 0.0, 1.0)
         cell = self._left[1:].searchsorted(parameters, "right")
         x = 2.0 * (parameters - self._left[cell]) / self._width[cell] - 1.0
-        return self.until[cell] + _valued(self._driven.T[:, cell], x)
+        return self.until[cell] + horner(self._driven.T[:, cell], x)
 
     def parameter_at(self, distance: Array) -> Array:
         """Normalised stations up to which the arc length is ``distance``, (n,) m, to rounding; clamped at the ends."""
@@ -131,11 +132,11 @@ class ArcLength:
         low, high = np.full_like(target, -1.0), np.ones_like(target)
         x = 2.0 * target / np.maximum(driven.sum(axis=0), float_info.min) - 1.0
         for _ in range(TABLE.most_steps):
-            excess = _valued(driven, x) - target
+            excess = horner(driven, x) - target
             if bool(np.all(np.abs(excess) <= ARC_ROUNDING * self.total)):
                 break
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
-            rate = _valued(rates, x)
+            rate = horner(rates, x)
             newton = x - excess / np.where(rate > 0.0, rate, np.inf)
             x = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
         return x
@@ -146,28 +147,19 @@ class ArcLength:
         low, high, close = -1.0, 1.0, ARC_ROUNDING * self.total
         x = 2.0 * target / max(float(self._lengths[cell]), float_info.min) - 1.0
         for _ in range(TABLE.most_steps):
-            excess = _horner(driven, x) - target
+            excess = _in_numbers(driven, x) - target
             if abs(excess) <= close:
                 break
             low, high = x if excess <= 0.0 else low, x if excess >= 0.0 else high
-            rate = _horner(rates, x)
+            rate = _in_numbers(rates, x)
             newton = x - (excess / rate if rate > 0.0 else 0.0)
             x = newton if low <= newton <= high else 0.5 * (low + high)
         return x
 
 
-def _horner(coefficients: Sequence[float], x: float) -> float:
+def _in_numbers(coefficients: Sequence[float], x: float) -> float:
     """Value of a polynomial, its coefficients from the highest power down."""
     value = 0.0
     for coefficient in coefficients:
         value = value * x + coefficient
-    return value
-
-
-def _valued(coefficients: Array, x: Array) -> Array:
-    """Values of n polynomials, (order, n) ascending coefficients, each at its own x."""
-    value: Array = coefficients[-1].copy()
-    for power in range(len(coefficients) - 2, -1, -1):
-        value *= x
-        value += coefficients[power]
     return value

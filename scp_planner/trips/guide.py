@@ -11,7 +11,9 @@ import numpy as np
 from scp_planner.arrays import Array, Index, left_of, unit_vectors
 from scp_planner.mathematics.bell_polynomials import complete_bell_polynomials
 from scp_planner.mathematics.intervals import Interval
+from scp_planner.mathematics.polynomials import horner
 from scp_planner.mathematics.quadrature import gauss_rule
+from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.tolerances import GUIDE_ERROR, SLIVER
 
 
@@ -199,12 +201,7 @@ class CurvedGuide:
     def _local(self, coefficients: Array, stations: Array) -> Array:
         """Values of a piecewise polynomial over the pieces of the heading."""
         piece, x = self._locate(stations)
-        local = coefficients[piece]
-        value: Array = local[:, -1].copy()
-        for power in range(local.shape[1] - 2, -1, -1):
-            value *= x
-            value += local[:, power]
-        return value
+        return evaluate(coefficients, piece, x)
 
     def curvature(self, stations: Array) -> Array:
         """Signed curvature at arc lengths ``stations``, (n,), 1/m."""
@@ -225,11 +222,7 @@ class CurvedGuide:
         curvature, rate = b + x * (2.0 * c + 3.0 * d * x), 2.0 * c + 6.0 * d * x
         cell = np.clip((stations / self._cell).astype(np.intp), 0, len(self._cells) - 1)
         share = (stations / self._cell - cell)[:, None]
-        local = self._cells[cell]
-        position = local[:, 5].copy()
-        for power in range(4, -1, -1):
-            position *= share
-            position += local[:, power]
+        position = horner(self._cells[cell].swapaxes(0, 1), share)
         return GuideFrame(position, tangent, normal, curvature, rate, self._second[piece])
 
     def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from scp_planner.arrays import Array, Index, rows_of
+from scp_planner.mathematics.polynomials import horner
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -26,15 +27,6 @@ class ArrivalEffort:
 
 
 EFFORT = ArrivalEffort()
-
-
-def _horner(coefficients: Array, x: Array) -> Array:
-    """Values of n polynomials, (n, P) ascending coefficients, each at its own x."""
-    value = coefficients[:, -1].copy()
-    for power in range(coefficients.shape[1] - 2, -1, -1):
-        value *= x
-        value += coefficients[:, power]
-    return value
 
 
 @dataclass(frozen=True)
@@ -167,15 +159,15 @@ class Trajectory:
         """Normalised times in given spans of the acceleration at which given distances have been driven."""
         tau, v0 = self.travel_time, self.space.start_speed
         base, width = self.space.acceleration.breakpoints[span], self.space.acceleration.widths[span]
-        local, slope = self._distance[span], self._speed[span]
+        local, slope = self._distance[span].T, self._speed[span].T
         low, high = np.zeros_like(distance), np.ones_like(distance)
         x = np.full_like(distance, 0.5)
         for _ in range(EFFORT.max_bisections):
-            excess = _horner(local, x) + (v0 * tau) * (base + width * x) - distance
+            excess = horner(local, x) + (v0 * tau) * (base + width * x) - distance
             if np.all(np.abs(excess) <= 1e-13 * self.path.arc_length):
                 break
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
-            rate = (tau * width) * (_horner(slope, x) + v0)
+            rate = (tau * width) * (horner(slope, x) + v0)
             newton = x - excess / np.where(rate > 0.0, rate, np.inf)
             x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
         return base + width * x
