@@ -19,6 +19,20 @@ from scp_planner.settings.online import SceneOnlineSettings
 from scp_planner.trips.trip import Trip
 
 
+class Waiting:
+    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it."""
+
+    def __init__(self) -> None:
+        self._nearest, self._clock, self._waited = math.inf, math.inf, 0.0
+
+    def waited(self, time: float, away: float) -> float:
+        """Take note of a time, s, and of how far the goal is, m, and return the time, s."""
+        passed, nearer = max(time - self._clock, 0.0), away < self._nearest
+        self._waited = max(self._waited + (-passed if nearer else passed), 0.0)
+        self._nearest, self._clock = min(away, self._nearest), time
+        return self._waited
+
+
 @dataclass(frozen=True)
 class ArrivalParameters:
     arrived: float = 1e-3  # Units of length: nearer than this there is no way left to plan

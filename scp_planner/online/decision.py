@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scp_planner.online.arrival import Waiting
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import IMPROVEMENT, Means, Renewal, Replan
@@ -48,22 +49,6 @@ class DecisionParameters:
 DECISION = DecisionParameters()
 
 
-class Waiting:
-    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it."""
-
-    def __init__(self) -> None:
-        self._nearest, self._clock, self._waited = math.inf, math.inf, 0.0
-
-    def waited(self, now: Replan) -> float:
-        """Take note of a replan and return the time, s."""
-        state = now.moment.state
-        away, passed = math.dist(state.position, now.moment.scenario.goal.position), max(state.time - self._clock, 0.0)
-        nearer = away < self._nearest
-        self._waited = max(self._waited + (-passed if nearer else passed), 0.0)
-        self._nearest, self._clock = min(away, self._nearest), state.time
-        return self._waited
-
-
 class Decision:
     """Decides replan by replan what is driven, and remembers how good that is."""
 
@@ -80,7 +65,8 @@ class Decision:
         self.arrival = means.arrival
 
     def answer(self, now: Replan) -> OnlinePlan:
-        self._fallback.be_patient(self._waiting.waited(now))
+        state, goal = now.moment.state, now.moment.scenario.goal
+        self._fallback.be_patient(self._waiting.waited(state.time, math.dist(state.position, goal.position)))
         plan = self._answer(now)
         if self._means.gives_way_late or plan.arrived or plan.outcome in AWAY:
             return plan

@@ -59,6 +59,12 @@ class Manoeuvre:
         return self.certificate.holds
 
     @property
+    def allowed_speed(self) -> float:
+        """The lowest limit of speed that it breaks at a place, m/s; inf if none."""
+        broken = (one.allowed for one in self.certificate.violations if one.what.startswith("speed_limits"))
+        return min(broken, default=np.inf)
+
+    @property
     def outcome(self) -> Outcome:
         return Outcome.EVADING if self.moves else Outcome.BRAKING
 
@@ -174,14 +180,22 @@ class Evasion:
     def _first_safe(self, now: Replan, manoeuvres: EvasiveManoeuvres, seen: Outlook) -> Manoeuvre | None:
         """The certified one that is worth most; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
-        for number in clear[np.argsort(-seen.worth[clear], kind="stable")][: EVASION.tried].tolist():
-            found = self._made(now, manoeuvres, seen, number)
+        left, tried = clear[np.argsort(-seen.worth[clear], kind="stable")], list[int]()
+        while len(left) and len(tried) < EVASION.tried:
+            tried.append(int(left[0]))
+            found = self._made(now, manoeuvres, seen, tried[-1])
             now.lap("certificate")
             if found.safe:
                 return found
             if not now.has_time("manoeuvre", "certificate"):
                 break
-        return None
+            # Where it is too fast for a place, so are others
+            left = left[1:][manoeuvres.fastest[left[1:]] <= found.allowed_speed]
+        if 0 in tried or not np.isinf(seen.clear[0]):
+            return None
+        stop = self._made(now, manoeuvres, seen, 0)
+        now.lap("certificate")
+        return stop if stop.safe else None
 
     def _looked(self, now: Replan) -> _SeenEvasiveManoeuvres:
         if self._view is None or self._view.moment is not now.moment:

@@ -214,6 +214,11 @@ class EvasiveManoeuvres(Driven):
         stands = [np.tile(family.profiles.stands, len(family.courses.turn)) for family in families]
         return cls(times, position, headings, np.concatenate(stands) + wait, families, wait)
 
+    @cached_property
+    def fastest(self) -> Array:
+        """Highest speeds, (C,) m/s."""
+        return np.concatenate([np.tile(each.profiles.fastest, len(each.length)) for each in self.families])
+
     def few(self, most: float) -> EvasiveManoeuvres:
         """Return no more manoeuvres than that, but all of one course at least."""
         stride = max(math.ceil(len(self.position) / max(most, 1.0)), 1)

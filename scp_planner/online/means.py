@@ -164,9 +164,10 @@ class Means:
         self._missed: Start | None = None  # from which no trip along the route was found
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
-        self._foresight = online.period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
+        # s, up to which zones grow for the trips that are planned among them
+        self.foresight = online.period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
         if online.foresight is not None:
-            self._foresight = online.foresight
+            self.foresight = online.foresight
 
     def drop_passed(self, state: State, before: State | None, last: OnlinePlan | None) -> None:
         """Forget the places that have been passed, as reported or on the last plan since the last state."""
@@ -252,7 +253,7 @@ class Means:
         """The zones that trips are planned among, of those on a clock that shows a time now."""
         if self.online.safety is Safety.TRIP:
             return batch
-        return foreseen(batch, self._foresight, self.obstacles.learning(), clock)
+        return foreseen(batch, self.foresight, self.obstacles.learning(), clock)
 
     def problem(self, now: Replan) -> Problem:
         """Return the problem of a moment, among foreseen zones."""

@@ -145,18 +145,18 @@ class Planner(Changeable):
         backward = self._legs is not None and self._legs.backward
         self._legs = LegsAhead(given, backward) if may_back_up(given) else None
         self._route: RouteAhead | None = None
-        if given.goal.target is None and not given.goals and self._legs is None:
-            if given.ground is not None:
-                self._route = MapRouteAhead(given)
-            elif given.guide is None:
+        if given.goal.target is None and self._legs is None:
+            if given.ground is None:
                 self._route = RouteAhead(given)
+            elif not given.goals:
+                self._route = MapRouteAhead(given)
         self._set_out(given if self._legs is None else self._legs.scene, solver)
 
     def _set_out(self, given: Scenario, solver: QpSolver) -> None:
         """Plan in a scene from now on: for the leg under way, the ground along a route over the map, or all of it."""
         following = Following.of(given.vehicle, self._online, self._tube)
         onward = self._legs is not None and self._legs.onward
-        routed = self._route is not None or given.ground is not None
+        routed = given.ground is not None or (self._route is not None and self._route.guides)
         self._means = Means(
             given, self.settings, self._online, self._inbox, following, self._units, solver, onward, routed
         )
@@ -204,7 +204,7 @@ class Planner(Changeable):
         if self._state is not None:
             made = self._left(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
         made = self._units.inverse.scenario(made)
-        if self._route is None:
+        if self._route is None or not self._route.guides:
             return made
         asked = self._route.asked  # the planner's own guide and corridor were not asked for
         corridor = None if asked.ground is not None else made.corridor

@@ -7,7 +7,9 @@ is driven, as long as it can be left for a certified stop, until there is a rout
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,7 +22,9 @@ from scp_planner.errors import TooLargeError
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import NAME, OccupancyMap
+from scp_planner.mathematics.polylines import lengths_along
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.online.arrival import Waiting
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY
 from scp_planner.online.reasons import REASONS, Reason, ReasonCode
@@ -46,7 +50,8 @@ from scp_planner.trips.trip import Trip
 
 @dataclass(frozen=True)
 class RouteAheadParameters:
-    patience: float = 3.0  # Units of time without a trip to the goal, until another route is looked for
+    # Units of time without a trip to the goal, in which it comes no nearer, until another route is looked for
+    patience: float = 3.0
     gain: float = 0.02  # Share by which another route must be shorter than what is left, for the vehicle to change over
     share: float = 0.5  # Of the time up to a deadline, for the search
 
@@ -73,13 +78,14 @@ class RouteAhead:
     def __init__(self, asked: Scenario) -> None:
         """Take a scenario in units of the scene."""
         self.asked, self.scene = asked, asked
+        self.guides = asked.guide is None and not asked.goals  # Else only a trip is looked for, where there is none
         self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
         self.plan: Plan | None = None  # A trip that was found with the route, and is not driven yet
-        self._due = True
+        self._due = self.guides
         self._stuck = False  # There was no trip to the goal for long
         self._search: Coroutine[FoundRoutes | Reason | None] | None = None
         self._from: State | None = None  # Where the search began
-        self._again = np.inf
+        self._waiting = Waiting()
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles begin a search under way anew."""
@@ -88,15 +94,19 @@ class RouteAhead:
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
         found = self._looked(now, means)
-        self.none = SOUGHT if self._due and not self._stuck else None
+        self.none = SOUGHT if self._due else None
         return found
 
     def _looked(self, now: Replan, means: Means) -> bool:
         state, leads = now.moment.state, self._leads(now, means)
+        way = np.array(means.scenario_at(state).guide or (state.position, means.given.goal.position))
+        waited = self._waiting.waited(state.time, float(lengths_along(way)[-1]))
         if leads:
-            self._again = state.time + ROUTE_AHEAD.patience
-        elif state.time >= self._again and not means.arrival.is_there(state.position):
-            self._due, self._stuck, self._again = True, True, np.inf
+            self._waiting = Waiting()
+            self._due &= self.guides
+        elif waited >= ROUTE_AHEAD.patience and not means.arrival.is_there(state.position):
+            self._waiting = Waiting()
+            self._due, self._stuck = self.guides or math.isfinite(now.deadline), True
         return self._due and self._searched(now, means, leads)
 
     @staticmethod
@@ -111,17 +121,24 @@ class RouteAhead:
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
             within = (left if self.none is None else np.inf) * (1.0 - ROUTE_AHEAD.gain)
             self._search = Coroutine(self._searching(now, means, within))
-        if not self._search.resume(now.clock + ROUTE_AHEAD.share * (now.deadline - now.clock)):
+        waits = self.none is not None and state.speed <= STOPS.standing
+        until = now.until("certificate") if waits else now.clock + ROUTE_AHEAD.share * (now.deadline - now.clock)
+        if not self._search.resume(until):
             return False
         found, self._search, self._due = self._search.result, None, False
-        self._again = state.time + ROUTE_AHEAD.patience
+        self._waiting = Waiting()
         return self._take(found, now, means)
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         """Return the search for a route that takes so long at most, s."""
-        scene = changed(means.scenario_at(now.moment.state), guide=None)
+        scene = means.scenario_at(now.moment.state)
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck)
+        if not self.guides:
+            return partial(_planned_on, changed(scene, guide=self.asked.guide and scene.guide), zones)
+        # Without a deadline the look for ways does as much
+        anyhow = self._stuck and math.isfinite(now.deadline)
+        scene = changed(scene, guide=None)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck, anyhow)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -142,6 +159,7 @@ class MapRouteAhead(RouteAhead):
         super().__init__(asked)
         assert asked.ground is not None
         self.map, self.none = asked.ground.map, SOUGHT
+        self.guides = self._due = True
         self._ground: list[Array] = []
         self._grown = False
 
@@ -202,28 +220,35 @@ def _route_round(
     settings: SceneSettings,
     within: float,
     stuck: bool,
+    anyhow: bool,
 ) -> FoundRoutes | None:
-    """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s."""
+    """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s.
+
+    A trip is planned along it; or ``anyhow``.
+    """
     frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
     limits = Limits.of(scene, settings.limit_margin).rounded()
     batch = ZoneBatch.of(zones, frame, scene.vehicle.radius + settings.clearance_margin).rounded()
-    roadmap = Roadmap(scene, frame, limits, batch, Box.of(scene, frame, settings.box_margin))
-    if len(batch.standing) == 0 or roadmap.has_to_loop:
-        return FoundRoutes([], [])
-    try:
-        route = next(roadmap.routes(), None)
-    except TooLargeError:
-        route = None
+    roadmap, route = Roadmap(scene, frame, limits, batch, Box.of(scene, frame, settings.box_margin)), None
+    if len(batch.standing) > 0 and not roadmap.has_to_loop:
+        with suppress(TooLargeError):
+            route = next(roadmap.routes(), None)
     if route is None or route.straight:
-        return FoundRoutes([], [])
+        return _planned_on(scene, zones) if anyhow else FoundRoutes([], [])
     pause()
     if route.least_time > within:
         return None
-    plan = planned(scene, threat_zones=zones)
-    if not plan.certified or (plan.trip.trajectory.space.guide.straight and not stuck):
-        return FoundRoutes([], [], plan if plan.certified else None)
-    line = straightened(_ahead(plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
-    return FoundRoutes([np.concatenate([line[:-1], [scene.goal.position]])], [], plan)
+    found = _planned_on(scene, zones)
+    if found.plan is None or (found.plan.trip.trajectory.space.guide.straight and not stuck):
+        return found
+    line = straightened(_ahead(found.plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
+    return replace(found, lines=[np.concatenate([line[:-1], [scene.goal.position]])])
+
+
+def _planned_on(scene: Scenario, zones: tuple[ThreatZone, ...]) -> FoundRoutes:
+    """Plan a whole trip among what stands."""
+    plan = planned(scene, thorough=False, threat_zones=zones)
+    return FoundRoutes([], [], plan if plan.certified else None)
 
 
 def _routes(
@@ -256,13 +281,14 @@ def _ahead(trip: Trip, state: State | Start) -> Array:
 
 
 def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:
-    """Return the zones of obstacles that stand, or hardly move, as they are now."""
+    """Return the zones of obstacles that stand, or hardly move, where they are now, of the size that is foreseen."""
     time, found = now.moment.state.time, list[ThreatZone]()
+    grown = np.array([time + means.foresight])
     still = REASONS.still * means.given.vehicle.max_speed
     for zone in now.moment.zones:
         speed = np.hypot(*zone.centers.derivative.grid(np.array([time]))[0, 0])
         if zone.id not in (NAME, corridor.WALLS) and speed < still:
             at = PiecewisePolynomials.single(0.0, zone.center(time)[None])
-            spread = zone.covariances and PiecewisePolynomials.single(0.0, zone.covariances.grid(np.array([time]))[0])
+            spread = zone.covariances and PiecewisePolynomials.single(0.0, zone.covariances.grid(grown)[0])
             found.append(replace(zone, centers=at, covariances=spread))
     return tuple(found)

@@ -66,3 +66,34 @@ def test_a_trap_is_driven_round_though_there_is_never_time() -> None:
         time = round(time + 0.1, 6)
         place, heading, speed = plan.position(time), float(plan.heading(time)), float(plan.speed(time))
     assert plan.arrived
+
+
+def limited(speed: float, limit: float) -> sp.Scenario:
+    """A guide round three sides of a rectangle, of which the first is slow."""
+    return sp.Scenario(
+        vehicle={
+            "radius": 0.5,
+            "max_speed": 6.0,
+            "max_acceleration": 2.0,
+            "max_deceleration": 2.0,
+            "max_curvature": 0.5,
+        },
+        start={"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": speed},
+        goal={"position": (0.0, 12.0)},
+        guide=[(0.0, 0.0), (6.0, 0.0), (6.0, 12.0), (0.0, 12.0)],
+        speed_limits=[{"from": 0.0, "to": 6.0, "speed": limit}],
+    )
+
+
+def test_a_trip_along_a_guide_is_found_though_there_is_never_time() -> None:
+    run = sp.simulate(limited(0.0, 1.5), deadline=1e-9, time_limit=30.0)
+    assert run.arrived
+    plans = [plan for plan in run.plans if isinstance(plan, sp.OnlinePlan)]
+    assert plans
+    assert all(plan.safe for plan in plans)
+
+
+def test_what_is_driven_without_time_keeps_to_the_limit_of_a_place() -> None:
+    plan = sp.Planner(limited(1.0, 1.0)).replan(0.0, (0.0, 0.0), 0.0, 1.0, deadline=1e-9)
+    assert plan.safe
+    assert plan.speed(np.linspace(0.0, plan.arrival_time, 50)).max() <= 1.0 + 1e-9
