@@ -61,7 +61,7 @@ class LegsAhead:
         self.legs: tuple[Leg, ...] = ()
         self.sets_out = False  # on a leg that plans are to be made for
         self._next: Leg | None = None  # as the last plan has it, where that is certified up to the goal
-        self.at_end = False  # the vehicle stands at its goal, and heads as it is to
+        self.at_end = False  # the vehicle is at its goal, and as fast and heads as it is to
         self._trip: Trip | None = None  # of the leg under way, as it was found
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
         self._search: Coroutine[Plan] | None = None
@@ -145,7 +145,7 @@ class LegsAhead:
     def goes_on(self, now: Replan, plan: OnlinePlan) -> bool:
         """Take note of a plan; return True if there is another leg to be driven now."""
         state = now.moment.state
-        self.at_end = False
+        self.at_end = plan.arrived and not self.onward
         if state.speed > STOPS.standing:
             if plan.outcome not in AWAY:
                 self._again, self._patience = -math.inf, ONLINE_LEGS.patience
@@ -159,7 +159,6 @@ class LegsAhead:
         if self.onward:
             self._begin(self.legs[1:], self.legs[1].trip)
             return True
-        self.at_end = True
         return False
 
     def _turn(self, state: State) -> float:

@@ -76,6 +76,21 @@ def test_parks_backwards_in_closed_loop(walker: bool) -> None:
     assert (turned <= CAR["max_curvature"] * np.hypot(*np.diff(run.position, axis=0).T) + 1e-3).all()
 
 
+@pytest.mark.parametrize("along", [3.0, -3.0])
+def test_arrives_at_a_goal_that_asks_for_no_speed(along: float) -> None:
+    goal = {"position": [along, 0.0], "radius": 0.3}
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0}
+    planner = sp.Planner(sp.Scenario(vehicle={**CAR, "discs": [0.0]}, start=start, goal=goal))
+    plan, speed = planner.replan(0.0, [0.0, 0.0], 0.0, 0.0), 0.0
+    for t in np.arange(1, 40) / 10.0:
+        speed = float(plan.speed(t)) * (-1.0 if plan.backward(t) else 1.0)
+        plan = planner.replan(float(t), plan.position(t), float(plan.heading(t)), speed)
+        if plan.arrived:
+            break
+    assert plan.arrived and planner.at_goal(plan.position(t))
+    assert abs(speed) > 1.0
+
+
 def test_plan_has_the_legs_to_come_and_is_certified_by_its_scenario() -> None:
     planner = sp.Planner(parking())
     plan = planner.replan(5.0, [6.0, 2.6], 0.0, 0.0)
