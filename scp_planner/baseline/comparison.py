@@ -200,15 +200,19 @@ def _curve(problem: Problem, iterates: list[Iterate]) -> Curve:
     )
 
 
-def summaries(trials: Sequence[Trial]) -> list[Summary]:
-    """Summarise each method over all trials, in the order in which they first appear."""
+def best_times(trials: Sequence[Trial]) -> dict[str, float]:
+    """Return the least travel time of any certified trial by scenario, s."""
     best: dict[str, float] = {}
-    reference = {}
     for trial in trials:
         if trial.certified:
             best[trial.scenario] = min(best.get(trial.scenario, np.inf), trial.travel_time)
-        if trial.method is Method.SCP:
-            reference[trial.scenario, trial.start] = trial
+    return best
+
+
+def summaries(trials: Sequence[Trial]) -> list[Summary]:
+    """Summarise each method over all trials, in the order in which they first appear."""
+    best = best_times(trials)
+    reference = {(trial.scenario, trial.start): trial for trial in trials if trial.method is Method.SCP}
     return [
         _summary(method, [trial for trial in trials if trial.method is method], best, reference)
         for method in dict.fromkeys(trial.method for trial in trials)

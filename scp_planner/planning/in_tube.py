@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from scp_planner.certificate.check import certify
-from scp_planner.certificate.verdict import Certificate, Violation
-from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.certificate.verdict import Violation
+from scp_planner.planning.plan import Plan, judged_by
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.error_tube import TrackingTube
 
@@ -49,17 +49,8 @@ def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time
             break
         rooms = _more(rooms, found.violations, widest) if left > 1 else dict.fromkeys(rooms, widest)
     whole = replace(made, iterations=iterations, lower_bound=lower_bound, wall_time=perf_counter() - began)
-    return _told(whole, scenario, found)
-
-
-def _told(made: Plan, scenario: Scenario, found: Certificate) -> Plan:
-    """The plan as one of the scenario itself, with what its tube keeps."""
-    told = replace(made, planned=scenario, clearance=found.clearance, limits=found.limits)
-    if found.holds:
-        return replace(told, status=PlanStatus.CERTIFIED, reason=None)
-    why = made.reason or "; ".join(str(violation) for violation in found.violations)
-    status = PlanStatus.FEASIBLE if made.status is PlanStatus.CERTIFIED else made.status
-    return replace(told, status=status, reason=f"with room for the tube of tracking errors: {why}")
+    told = judged_by(whole, scenario, found)
+    return told if found.holds else replace(told, reason=f"with room for the tube of tracking errors: {told.reason}")
 
 
 def _roomier(scenario: Scenario, rooms: Mapping[str | None, float]) -> Scenario:

@@ -17,7 +17,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.planning.legs import may_have_legs
-from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.planning.plan import Plan, PlanStatus, judged_by
 from scp_planner.routes.outlines import StandingShape, standing_shapes
 from scp_planner.routes.over_map import MAPS, MapRoutes, straightened
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -190,19 +190,4 @@ def _left(began: float, time_limit: float | None) -> float | None:
 
 def _certified(scenario: Scenario, found: Plan) -> Plan:
     """Return a plan with what holds of it over the map."""
-    verdict = certify(scenario, found)
-    status = found.status
-    if verdict.holds:
-        status = PlanStatus.CERTIFIED
-    elif found.certified:
-        status = PlanStatus.FEASIBLE
-    reason = None if verdict.holds else found.reason or "; ".join(map(str, verdict.violations))
-    return replace(
-        found,
-        status=status,
-        reason=reason,
-        clearance=verdict.clearance,
-        limits=verdict.limits,
-        lower_bound=kinematic_bound(scenario),
-        planned=scenario,
-    )
+    return replace(judged_by(found, scenario, certify(scenario, found)), lower_bound=kinematic_bound(scenario))

@@ -29,6 +29,7 @@ from scp_planner.trips.trip_file import KeyReader, legs_in, legs_written, trip_i
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from scp_planner.certificate.verdict import Certificate
     from scp_planner.scenario.models import Scenario
     from scp_planner.threat_zones.error_tube import TrackingTube
     from scp_planner.threat_zones.zone import ThreatZone
@@ -475,3 +476,16 @@ class Plan:
             for trip in trips
         ]
         return np.concatenate(each)
+
+
+def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
+    """Return a plan as one of a scenario that it was not made for; it is feasible at most if the certificate fails."""
+    status = PlanStatus.FEASIBLE if plan.certified else plan.status
+    return replace(
+        plan,
+        status=PlanStatus.CERTIFIED if found.holds else status,
+        reason=None if found.holds else plan.reason or "; ".join(map(str, found.violations)),
+        clearance=found.clearance,
+        limits=found.limits,
+        planned=scenario,
+    )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scp_planner.baseline.comparison import best_times
 from scp_planner.plotting.style import COLOURS, DOTTED, DPI, GREY, save, style
 
 if TYPE_CHECKING:
@@ -136,10 +137,7 @@ def _draw_convergence(axes: Axes, trials: Sequence[Trial], methods: Sequence[Met
 
 
 def _draw_outcomes(axes: Axes, trials: Sequence[Trial], methods: Sequence[Method]) -> None:
-    best: dict[str, float] = {}
-    for trial in trials:
-        if trial.certified:
-            best[trial.scenario] = min(best.get(trial.scenario, np.inf), trial.travel_time)
+    best = best_times(trials)
     excess = {
         id(trial): max(trial.travel_time / best[trial.scenario] - 1.0, LEAST_GAP) for trial in trials if trial.certified
     }
