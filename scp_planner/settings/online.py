@@ -39,17 +39,7 @@ class Newcomers(Knobs):
 
 @dataclass(frozen=True)
 class SceneNewcomers(Newcomers):
-    """:class:`Newcomers` with nothing left open, in the units of a scene.
-
-    Attributes
-    ----------
-    velocity_deviation : float
-        Units of speed.
-    acceleration_deviation : float
-        Units of acceleration.
-    noise_deviation : float
-        Units of length.
-    """
+    """:class:`Newcomers` with nothing left open, in the units of a scene."""
 
     velocity_deviation: Annotated[float, Range(1e-6, 1000.0)] = 1.5
     acceleration_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.5
@@ -211,18 +201,7 @@ class OnlineSettings(Knobs):
 
 @dataclass(frozen=True)
 class SceneOnlineSettings(OnlineSettings):
-    """:class:`OnlineSettings` with nothing left open, in the units of a scene but for ``reserve``.
-
-    Attributes
-    ----------
-    period : float
-        Units of time.
-    tracking_error : float
-        Units of length.
-    reaction_time : float
-        Units of time.
-    newcomers : SceneNewcomers
-    """
+    """:class:`OnlineSettings` with nothing left open, in the units of a scene but for ``reserve``."""
 
     period: Annotated[float, Range(1e-3, 1000.0)] = 0.1
     tracking_error: Annotated[float, Range(0.0, 10.0)] = 0.0

@@ -98,21 +98,7 @@ class Settings(Knobs):
 
 @dataclass(frozen=True)
 class SceneSettings(Settings):
-    """:class:`Settings` with nothing left open, lengths and times in the units of a scene.
-
-    Attributes
-    ----------
-    path_span : float
-        Units of length.
-    clearance_margin : float
-        Units of length.
-    box_margin : float
-        Units of length.
-    max_offset : float
-        Units of length.
-    tolerance : float
-        Units of time.
-    """
+    """:class:`Settings` with nothing left open, lengths and times in the units of a scene."""
 
     path_span: Annotated[float, Range(0.1, LONGEST_SPAN)] = 1.5
     clearance_margin: Annotated[float, Range(0.0, 10.0)] = 1e-3
