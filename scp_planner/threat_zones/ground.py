@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -99,17 +100,10 @@ class Ground:
         for begin in range(0, count, at_once):
             yield slice(begin, min(begin + at_once, count))
 
-    def _numbers(self) -> Iterator[slice]:
-        """Yield where the edges of each number are."""
-        begin = 0
-        for end in self.ends:
-            yield slice(begin, end)
-            begin = end
-
     def _extreme(self, values: Array, extreme: np.ufunc) -> Array:
         """The largest or least of each polygon's values, (s, n), of those of all edges, (E, n)."""
         found: Array = values[: len(self.zones)].copy()
-        for some in self._numbers():
-            part = found[: some.stop - some.start]
-            extreme(part, values[some], out=part)
+        for begin, end in pairwise((0, *self.ends)):  # edges of one number, of those polygons that have as many
+            part = found[: end - begin]
+            extreme(part, values[begin:end], out=part)
         return found
