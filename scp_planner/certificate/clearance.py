@@ -110,7 +110,7 @@ class _Search(Generic[EnclosedT]):
         place, zone = divmod(int(np.argmin(crude)), self.batch.size)
         nearest, enough = _Nearest(np.inf, float(pieces.middle[place]), zone), 0.0
         if np.isfinite(self.precision):
-            some = np.argsort(crude, axis=None)[: EFFORT.first_pairs]
+            some = np.argpartition(crude, min(EFFORT.first_pairs, crude.size) - 1, axis=None)[: EFFORT.first_pairs]
             interval, zones = np.divmod(some, self.batch.size)
             value = ZoneBounds(self.batch).fine(zones, interval, disc).value - disc.off[interval]
             worst = int(np.argmin(value))
