@@ -51,7 +51,8 @@ class Arrival:
         given = online.arrival_tolerance
         if given is None:
             given = online.period * following.top_speed if goal.radius == 0.0 and goal.region is None else 0.0
-        self.tolerance = self._tolerance = max(goal.radius + given, ARRIVAL.arrived) + following.largest
+        self.near = max(goal.radius + given, ARRIVAL.arrived)
+        self.tolerance = self._tolerance = self.near + following.largest
         self.speed = GOAL_SPEED_TOLERANCE + max(
             following.vehicle.max_deceleration * online.period, following.speed or 0.0
         )

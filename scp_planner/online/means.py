@@ -199,7 +199,8 @@ class Means:
             scenario = changed(scenario, corridor=None)
         if goal.target is None:
             return Moment(state, scenario, zones, self.following.tube, onward=self.onward)
-        moving = MovingGoal.of(goal, zones, self.arrival.speed, self.arrival.heading)
+        arrival = self.arrival
+        moving = MovingGoal.of(goal, zones, arrival.near, arrival.speed, arrival.heading)
         if last is not None and last.outcome not in AWAY and last.status is not PlanStatus.INFEASIBLE:
             self._led = last  # a plan that is not finished arrives whenever
         time = math.inf if moving is None else moving.meeting(scenario, self._led)

@@ -32,15 +32,18 @@ class MovingGoal:
 
     target: TargetMotion
     goal: Goal  # as given, with the target
+    near: float  # m, of the place: as near is met
     speed: float  # by which a velocity that is to be matched may be missed, m/s
     heading: float  # rad
 
     @classmethod
-    def of(cls, goal: Goal, zones: Sequence[ThreatZone], speed: float, heading: float) -> MovingGoal | None:
+    def of(
+        cls, goal: Goal, zones: Sequence[ThreatZone], near: float, speed: float, heading: float
+    ) -> MovingGoal | None:
         """Return the goal by the newest zones of all obstacles; None where that of the target is not among them."""
         assert goal.target is not None, "the goal moves"
         seen = next((zone for zone in zones if zone.id == goal.target.obstacle), None)
-        return None if seen is None else cls(TargetMotion.seen_as(seen, goal.offset), goal, speed, heading)
+        return None if seen is None else cls(TargetMotion.seen_as(seen, goal.offset), goal, near, speed, heading)
 
     @property
     def name(self) -> str:
@@ -61,7 +64,7 @@ class MovingGoal:
 
     def accepted(self, time: float) -> Goal:
         """Return the goal that a trip has to reach that arrives at an absolute time, s."""
-        goal = self.at(time)
+        goal = changed(self.at(time), radius=self.near)
         if not self.goal.match_velocity or goal.speed is None:
             return goal
         speeds, ahead = (max(goal.speed - self.speed, 0.0), goal.speed + self.speed), goal.heading

@@ -86,7 +86,7 @@ def test_time_settles_on_the_first_meeting_from_any_plan(kind: Any) -> None:
         if wanted is None:
             continue
         met += 1
-        time, moving = NOW + wanted * rng.uniform(0.3, 5.0), MovingGoal(motion, SCENARIO.goal, 0.1, 0.1)
+        time, moving = NOW + wanted * rng.uniform(0.3, 5.0), MovingGoal(motion, SCENARIO.goal, 0.0, 0.1, 0.1)
         for _ in range(2):
             time = moving.meeting(SCENARIO, cast(Any, Late(motion.place(time), delay)))
         assert time - NOW == pytest.approx(wanted, rel=1e-4)
@@ -95,7 +95,7 @@ def test_time_settles_on_the_first_meeting_from_any_plan(kind: Any) -> None:
 
 def test_target_that_gets_away_after_a_delay_is_met_as_early_as_can_be() -> None:
     motion = TargetMotion(PiecewisePolynomials.single(NOW, np.array([[3.0, 0.0], [0.0, 0.0], [0.02, 0.0]])))
-    moving = MovingGoal(motion, SCENARIO.goal, 0.1, 0.1)
+    moving = MovingGoal(motion, SCENARIO.goal, 0.0, 0.1, 0.1)
     assert first_root(motion, 30.0) is None
     late = moving.meeting(SCENARIO, cast(Any, Late((3.0, 0.0), 30.0)))
     assert late - NOW == pytest.approx(first_root(motion, 0.0), rel=1e-5)
