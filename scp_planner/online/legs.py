@@ -66,6 +66,8 @@ class LegsAhead:
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
         self._search: Coroutine[Plan] | None = None
         self._from: State | None = None  # where the search begins
+        self._about = -1  # The replan in which it turned to the other way
+        self._lasts = ONLINE_LEGS.patience  # Units of time, until a search begins anew
         self._due, self._again, self._patience = True, -math.inf, ONLINE_LEGS.patience
 
     def __getstate__(self) -> dict[str, Any]:
@@ -161,6 +163,16 @@ class LegsAhead:
             return True
         return False
 
+    def turns_about(self, now: Replan) -> bool:
+        """Drive the other way from here, if the vehicle stands and may; once a replan."""
+        if self.asked.vehicle.reverse is None or now.moment.state.speed > STOPS.standing or self._about == now.cycle:
+            return False
+        self._about, self._due = now.cycle, True
+        backward = not self.backward
+        self._begin((), None)
+        self.backward = backward
+        return True
+
     def _turn(self, state: State) -> float:
         """Angle by which the vehicle is to turn where it stands, rad."""
         if self._turns_to is None or state.heading is None:
@@ -172,18 +184,25 @@ class LegsAhead:
         """True if the vehicle may turn on the spot to where a leg begins."""
         return self.asked.vehicle.max_turn_rate is not None and not backward
 
-    def _begin(self, legs: tuple[Leg, ...], trip: Trip) -> None:
+    def _begin(self, legs: tuple[Leg, ...], trip: Trip | None) -> None:
         self.legs, self._trip, self._next = legs, trip, None
         self.backward = bool(legs) and legs[0].backward
-        self._turns_to = Leg(trip).state(trip.frame.time)[1] if self._may_turn_to(self.backward) else None
+        turns = trip is not None and self._may_turn_to(self.backward)
+        self._turns_to = Leg(trip).state(trip.frame.time)[1] if trip is not None and turns else None
         self.sets_out = True
 
     # the search
 
     def _searched(self, now: Replan, means: Means) -> bool:
-        """Look for manoeuvres until the deadline; return True when that has come to an end."""
+        """Look for manoeuvres until the deadline; return True when that has come to an end.
+
+        What lasts for long begins anew among those who have moved on, and may last longer.
+        """
         state = now.moment.state
-        if self._search is None or not means.stays(self._from, state):
+        begun = math.inf if self._search is None or self._from is None else self._from.time
+        lasted = state.time - begun >= self._lasts and not now.moment.stands.all()
+        if self._search is None or lasted or not means.stays(self._from, state):
+            self._lasts *= ONLINE_LEGS.growth if lasted else 1.0
             zones = _zones(now.moment, means)
 
             def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
@@ -201,7 +220,7 @@ class LegsAhead:
 
     def _take(self, found: Plan) -> None:
         """Drive the legs that were found from now on; where there are none, go on as before, or ahead."""
-        self._search, self._due = None, False
+        self._search, self._due, self._lasts = None, False, ONLINE_LEGS.patience
         if not found.certified:
             if not self.legs:
                 self.backward = False

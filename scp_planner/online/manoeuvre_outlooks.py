@@ -16,7 +16,6 @@ from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, Driven, Evasive
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
 from scp_planner.online.means import Means
-from scp_planner.online.reasons import REASONS
 from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.stops import time_from_a_stand
 from scp_planner.online.tolerances import LENGTH
@@ -227,8 +226,7 @@ class ManoeuvreOutlooks:
         found, radius = np.array(place.position), place.radius or 0.0
         if scenario.guide is not None:
             steps, border = scenario.vehicle.radius, self.border(moment)
-            still = _speeds(moment.batch) < REASONS.still * scenario.vehicle.max_speed
-            standing = moment.batch.subset(np.flatnonzero(still))
+            standing = moment.batch.subset(np.flatnonzero(moment.stands))
             line = np.array(scenario.guide)
             along = lengths_along(line)
             ahead = points_at(np.arange(steps, min(along[-1], self._sight(moment)), steps), along, line)
@@ -254,7 +252,7 @@ class ManoeuvreOutlooks:
 
     def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
         """Clearance from each of L zones, (L, 1) m, below which a place counts as within them."""
-        share = np.minimum(_speeds(batch) / vehicle.max_speed, 1.0)
+        share = np.minimum(np.hypot(*batch.velocities.grid(np.zeros(1))[0].T) / vehicle.max_speed, 1.0)
         spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * share
         return spare[:, None]
 
@@ -304,11 +302,6 @@ class ManoeuvreOutlooks:
         if turns or not vehicle.max_curvature:
             return 0.0
         return 1.0 / (COURSES.limit_share * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
-
-
-def _speeds(batch: ZoneBatch) -> Array:
-    """Speeds of zones now, (L,) m/s."""
-    return np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
 
 
 def _that_stand(batch: ZoneBatch) -> ZoneBatch:

@@ -303,7 +303,8 @@ class Planner(Changeable):
             if not legs.sets_out:
                 now.moment = replace(now.moment, lost=waits)
                 plan = self._decision.answer(now)
-                if not legs.goes_on(now, plan):
+                turns = not plan.safe and legs.turns_about(now)
+                if not (turns or legs.goes_on(now, plan)):
                     return now, plan
 
     def _on_leg(self, now: Replan, reported: Callable[[], State]) -> Replan:

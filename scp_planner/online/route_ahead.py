@@ -27,7 +27,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.arrival import Waiting
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY
-from scp_planner.online.reasons import REASONS, Reason, ReasonCode
+from scp_planner.online.reasons import Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
@@ -284,10 +284,8 @@ def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:
     """Return the zones of obstacles that stand, or hardly move, where they are now, of the size that is foreseen."""
     time, found = now.moment.state.time, list[ThreatZone]()
     grown = np.array([time + means.foresight])
-    still = REASONS.still * means.given.vehicle.max_speed
-    for zone in now.moment.zones:
-        speed = np.hypot(*zone.centers.derivative.grid(np.array([time]))[0, 0])
-        if zone.id not in (NAME, corridor.WALLS) and speed < still:
+    for zone, stands in zip(now.moment.zones, now.moment.stands, strict=True):
+        if stands and zone.id not in (NAME, corridor.WALLS):
             at = PiecewisePolynomials.single(0.0, zone.center(time)[None])
             spread = zone.covariances and PiecewisePolynomials.single(0.0, zone.covariances.grid(grown)[0])
             found.append(replace(zone, centers=at, covariances=spread))

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from scp_planner.arrays import Mask
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
@@ -17,7 +18,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.moving_goal import MovingGoal
-from scp_planner.online.reasons import Reason
+from scp_planner.online.reasons import REASONS, Reason
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import (
     Braking,
@@ -79,6 +80,12 @@ class Moment:
     def batch(self) -> ZoneBatch:
         """The zones in this frame, inflated by the vehicle."""
         return self.batch_in(self.frame)
+
+    @cached_property
+    def stands(self) -> Mask:
+        """True of zones that stand or hardly move, (L,)."""
+        velocity = self.batch.velocities.grid(np.zeros(1))[0]
+        return np.hypot(velocity[:, 0], velocity[:, 1]) < REASONS.still * self.scenario.vehicle.max_speed
 
     @cached_property
     def _batches(self) -> dict[PlanningFrame, ZoneBatch]:

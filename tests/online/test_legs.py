@@ -170,3 +170,32 @@ def test_records_and_pictures_carry_legs(tmp_path: Path) -> None:
     assert run.plans[1].legs is not None and run.plans[1].legs.legs[0].backward
     assert np.allclose(run.plans[1].heading(6.0), planner.plan.heading(6.0) if planner.plan else np.nan)
     run.draw(tmp_path / "run.png")
+
+
+def test_a_vehicle_that_looks_for_manoeuvres_backs_away_from_who_comes() -> None:
+    """There is never time, and the way ahead is as narrow as the vehicle."""
+    gap, walker = 1.3, 0.3
+    scenario = sp.Scenario(
+        vehicle={
+            "radius": 0.9,
+            "max_speed": 3.0,
+            "max_acceleration": 1.5,
+            "max_deceleration": 2.0,
+            "max_curvature": 0.2,
+            "reverse": {"max_speed": 2.0, "max_acceleration": 1.5},
+        },
+        start={"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0},
+        goal={"position": (-30.0, 0.0), "heading": 0.0, "speed": 0.0},
+        walls=[[(-60, low), (30, low), (30, low + 0.2), (-60, low + 0.2)] for low in (gap, -gap - 0.2)],
+        obstacles=[
+            {"id": "walker", "shape": {"disc": walker}, "motion": {"position": (6.0, 0.0), "velocity": (-0.8, 0.0)}}
+        ],
+    )
+    planner, place, heading, speed = sp.Planner(scenario), np.zeros(2), 0.0, 0.0
+    for k in range(100):
+        plan, time = planner.replan(0.1 * k, place, heading, speed, deadline=1e-9), 0.1 * (k + 1)
+        assert plan.safe
+        place, heading = plan.position(time), float(plan.heading(time))
+        speed = float(plan.speed(time)) * (-1.0 if plan.backward(time) else 1.0)
+        assert np.hypot(*(place - (6.0 - 0.8 * time, 0.0))) > 0.9 + walker
+    assert place[0] < -2.0
