@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -284,8 +285,9 @@ def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:
     """Return the zones of obstacles that stand, or hardly move, where they are now, of the size that is foreseen."""
     time, found = now.moment.state.time, list[ThreatZone]()
     grown = np.array([time + means.foresight])
-    for zone, stands in zip(now.moment.zones, now.moment.stands, strict=True):
-        if stands and zone.id not in (NAME, corridor.WALLS):
+    standing = {*compress(now.moment.batch.ids, now.moment.stands)} - {NAME, corridor.WALLS}
+    for zone in now.moment.zones:
+        if zone.id in standing:
             at = PiecewisePolynomials.single(0.0, zone.center(time)[None])
             spread = zone.covariances and PiecewisePolynomials.single(0.0, zone.covariances.grid(grown)[0])
             found.append(replace(zone, centers=at, covariances=spread))

@@ -83,7 +83,7 @@ class Moment:
 
     @cached_property
     def stands(self) -> Mask:
-        """True of zones that stand or hardly move, (L,)."""
+        """True of the zones of the batch that stand or hardly move, (L,)."""
         velocity = self.batch.velocities.grid(np.zeros(1))[0]
         return np.hypot(velocity[:, 0], velocity[:, 1]) < REASONS.still * self.scenario.vehicle.max_speed
 
