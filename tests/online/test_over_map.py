@@ -218,3 +218,24 @@ def test_sets_out_on_any_way_through_the_ground_where_that_along_the_route_is_to
     plan = sp.Planner(scenario).replan(0.0, (x, y), float(np.arctan2(goal_y - y, goal_x - x)), 0.0)
     assert plan.certified
     assert plan.code is sp.ReasonCode.DRIVING
+
+
+def test_a_search_goes_on_in_each_replan_in_which_there_is_time_for_nothing_else() -> None:
+    """It takes the time that is left, so what it took before does not say whether there is enough for it."""
+    cells = np.zeros((50, 60), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    cells[8:10, 18:35] = cells[8:13, 27:30] = cells[12:18, 35:41] = cells[32:38, 7:13] = True
+    robot = {"radius": 0.2, "max_speed": 1.5, "max_acceleration": 1.0, "max_deceleration": 1.5}
+    place, heading = (1.74, 2.34), -2.938
+    start = {"time": 0.0, "position": place, "heading": heading, "speed": 0.0}
+    ground, goal = {"map": sp.OccupancyMap(cells, resolution=0.1)}, {"position": [5.24, 0.89]}
+    planner = sp.Planner(
+        sp.Scenario(vehicle={**robot, "max_lateral_acceleration": 1.0}, start=start, goal=goal, ground=ground)
+    )
+    idle, deadline = 0, 0.05
+    for stood in range(140):
+        plan = planner.replan(0.1 * stood, place, heading, 0.0, deadline=deadline)
+        if plan.outcome is not sp.Outcome.BRAKING:
+            break
+        idle += sum(plan.timings.values()) < 0.2 * deadline
+    assert idle <= max(stood, 4) / 2
