@@ -170,7 +170,8 @@ class ManoeuvreSearch:
         nodes = _Nodes(self.first)
         best = np.full((*self._count, SEARCH.headings, 2), inf, dtype=np.float32)
         waiting: Index = np.zeros(1, dtype=np.intp)
-        most = SEARCH.most_nodes
+        each = len(self.goals)  # Headings that all curves from a node are tried for
+        most = SEARCH.most_nodes // each
         while len(waiting) and nodes.count < most and perf_counter() < self.deadline:
             guess = nodes.guess[waiting]
             least = float(guess.min())
@@ -185,7 +186,7 @@ class ManoeuvreSearch:
                 known = min(known, made.time)
                 if made.kind not in found or made.time < found[made.kind].time:
                     found[made.kind] = made
-            most = min(most, nodes.count + SEARCH.more_nodes) if found else most
+            most = min(most, nodes.count + SEARCH.more_nodes // each) if found else most
             waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best)])
             pause()
         return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from math import pi
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import shapely
 import scp_planner as sp
 from scp_planner.planning.legs import LegSearch
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.routes.manoeuvres import ManoeuvreSearch
 from scp_planner.trips.legs import Leg, Legs, Stand
 
 CAR = {
@@ -194,6 +196,22 @@ def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
 
     LegSearch(scenario, too_tight).run()
     assert begins == {0.0}
+
+
+def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
+    start = {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 0.0}
+    shut = [box(3, -1, 3.2, 1), box(5, -1, 5.2, 1), box(3, 1, 5.2, 1.2), box(3, -1.2, 5.2, -1)]
+    took = list[float]()
+    for heading in (0.0, None):
+        goal = {"position": [4, 0], "heading": heading}
+        vehicle = {**ROBOT, "max_curvature": 2.0, "reverse": {"max_speed": 1.0}}
+        search = LegSearch(
+            sp.Scenario(vehicle=vehicle, start=start, goal=goal, walls=shut), lambda scene, *_: sp.plan(scene)
+        )
+        began = process_time()
+        assert not ManoeuvreSearch(search.inside, search.batch, search.curvature).run()
+        took.append(process_time() - began)
+    assert took[1] < 3.0 * took[0]
 
 
 @pytest.mark.parametrize(
