@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import dist
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line, Stretch, followed, limits_at, stretches
+from scp_planner.scenario.units import changed
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
@@ -45,6 +47,10 @@ def build_problem(
 ) -> Problem:
     """Make a scenario, in its natural units, ready for planning among zones, one an obstacle."""
     start, goal, settings = scenario.start, scenario.goal, for_scene(given)
+    if scenario.guide is None and 0.0 < dist(start.position, goal.position) <= goal.radius:
+        # Near enough already, but not as fast or turned as it is to be: the guide has to lead somewhere
+        scenario = changed(scenario, goal=changed(goal, radius=0.0))
+        goal = scenario.goal
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
         settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
     frame = PlanningFrame.between(start.position, goal.position, start.time)

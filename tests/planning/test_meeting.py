@@ -243,3 +243,11 @@ def test_pictures_show_the_target_and_where_it_is_met() -> None:
         assert recording.goal == pytest.approx(sp.meeting(given, plan).place)
         (target,) = recording.obstacles
         assert target.center[-1] == pytest.approx(recording.goal)
+
+
+def test_a_target_that_is_near_enough_at_the_start_is_matched_all_the_same() -> None:
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}
+    passing = {"motion": {"position": [0.5, 0.0], "velocity": [1.0, 0.1]}}
+    goal = {"target": passing, "radius": 1.0, "match_velocity": True}
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 2.0, "max_deceleration": 2.0}
+    assert sp.plan(sp.Scenario(vehicle=vehicle, start=start, goal=goal)).certified
