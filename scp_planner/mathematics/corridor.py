@@ -14,6 +14,7 @@ from scp_planner.arrays import Array, Mask, left_of
 from scp_planner.mathematics import planar
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.tolerances import COORDINATE_ROUNDING, UNCOVERED
+from scp_planner.pauses import pause
 
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
@@ -47,6 +48,7 @@ def outside(polygons: Sequence[Polygon], wall: float = SIZE.wall) -> list[Polygo
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
     for polygon in rings:
+        pause()
         apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, near)
         met = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
         for k, cut in zip(met, ring.cuts([pieces[k].polygon for k in met]), strict=True):

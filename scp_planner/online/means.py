@@ -356,7 +356,7 @@ class Means:
         over_map = any_way = problem.scenario.ground is not None
         start = problem.scenario.start
         if over_map and not self.stays(self._missed, start):
-            found = self._planned_along(problem.scenario, any_way=not math.isfinite(cutoff()))
+            found = self.planned_along(problem.scenario, any_way=not math.isfinite(cutoff()))
             self._missed = None if found.certified else start
             if found.certified:
                 yield found
@@ -368,7 +368,7 @@ class Means:
             for arc in arcs(problem):
                 yield Trip(problem.frame, arc)
 
-    def _planned_along(self, scenario: Scenario, *, any_way: bool) -> Plan:
+    def planned_along(self, scenario: Scenario, *, any_way: bool = True) -> Plan:
         """Plan a whole trip in the ground on a route, or else ``any_way`` in it, without obstacles that move."""
         within = changed(scenario, ground=None, guide=None)
         settings = replace(self.settings, clearance_margin=SceneSettings.clearance_margin)

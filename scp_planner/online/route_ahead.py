@@ -80,7 +80,7 @@ class RouteAhead:
         """Take a scenario in units of the scene."""
         self.asked, self.scene = asked, asked
         self.guides = asked.guide is None and not asked.goals  # Else only a trip is looked for, where there is none
-        self.none: Reason | None = None  # Why no route is under way, where nothing is driven without one
+        self._blocked: Reason | None = None  # Why there is no route, where nothing is driven without one
         self.plan: Plan | None = None  # A trip that was found with the route, and is not driven yet
         self._due = self.guides
         self._stuck = False  # There was no trip to the goal for long
@@ -92,11 +92,14 @@ class RouteAhead:
         """Copies and pickles begin a search under way anew."""
         return {**self.__dict__, "_search": None}
 
+    @property
+    def none(self) -> Reason | None:
+        """Why no route is under way, where the vehicle is to stand until there is one."""
+        return SOUGHT if self._due else None
+
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
-        found = self._looked(now, means)
-        self.none = SOUGHT if self._due else None
-        return found
+        return self._looked(now, means)
 
     def _looked(self, now: Replan, means: Means) -> bool:
         state, leads = now.moment.state, self._leads(now, means)
@@ -120,7 +123,7 @@ class RouteAhead:
         if self._search is None or (state.speed <= STOPS.standing and not means.stays(self._from, state)):
             self._from = state
             left = now.last.arrival_time - state.time if now.last is not None and leads else np.inf
-            within = (left if self.none is None else np.inf) * (1.0 - ROUTE_AHEAD.gain)
+            within = (left if self._blocked is None else np.inf) * (1.0 - ROUTE_AHEAD.gain)
             self._search = Coroutine(self._searching(now, means, within))
         waits = self.none is not None and state.speed <= STOPS.standing
         until = now.until("certificate") if waits else now.clock + ROUTE_AHEAD.share * (now.deadline - now.clock)
@@ -159,10 +162,14 @@ class MapRouteAhead(RouteAhead):
         """Take a scenario with a map, in units of the scene."""
         super().__init__(asked)
         assert asked.ground is not None
-        self.map, self.none = asked.ground.map, SOUGHT
+        self.map, self._blocked = asked.ground.map, SOUGHT
         self.guides = self._due = True
         self._ground: list[Array] = []
         self._grown = False
+
+    @property
+    def none(self) -> Reason | None:
+        return self._blocked or (SOUGHT if self._due and self._stuck else None)
 
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
@@ -172,36 +179,39 @@ class MapRouteAhead(RouteAhead):
         state, last, leads = now.moment.state, now.last, self._leads(now, means)
         alone = replace(now.moment, zones=())
         if leads and last is not None and alone.certify(last.trip, since=state.time, ends=Ends.GOAL).holds:
-            self.none = None
+            self._blocked = None
         self._grow(now, means, FoundRoutes([], []))
         self._searched(now, means, leads)
         return True
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         scene = self._scene_at(now.moment.state, means)
-        return partial(_routes, scene, self.map, _that_stand(now, means), within)
+        # Without a deadline the look for ways does as much
+        plan = means.planned_along if self._stuck and math.isfinite(now.deadline) else None
+        return partial(_routes, scene, self.map, _that_stand(now, means), within, plan, _driven(now))
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:
         if not isinstance(found, FoundRoutes):
-            self.none = self.none and (found or NO_ROUTE)
+            self._blocked = self._blocked and (found or NO_ROUTE)
             return False
-        if self.none is None and leads_through(self._ground, found.lines[0], self.asked.vehicle.radius):
+        self.plan = found.plan
+        if self._blocked is None and leads_through(self._ground, found.lines[0], self.asked.vehicle.radius):
             return False
-        self.none = None
+        self._blocked = None
         self._grow(now, means, found)
         return True
 
     def _grow(self, now: Replan, means: Means, found: FoundRoutes) -> None:
         """Take the ground along routes from here to the goal, and grow it along what is driven."""
-        state, last, lines = now.moment.state, now.last, list[Array]()
-        if last is not None and (state.speed > STOPS.standing or not found.lines):
-            lines = [_ahead(last.trip, state)]
-        elif not found.lines:
-            lines = [np.array([state.position] * 2)]
+        state, lines = now.moment.state, list[Array]()
+        if not found.lines:
+            lines = [np.array([state.position] * 2) if now.last is None else _ahead(now.last.trip, state)]
+        elif not all(leads_through(found.ground, line, self.asked.vehicle.radius) for line in _driven(now)):
+            lines = _driven(now)
         routes = MapRoutes(self._scene_at(state, means), self.map)
         pieces = self._ground = [*found.ground, *ground_along(routes, lines)]
         guide = self.asked.guide
-        if guide is None and self.none is None:
+        if guide is None and self._blocked is None:
             line = straightened((found.lines or lines)[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
             guide = (*((x, y) for x, y in line.tolist()), self.asked.goal.position)
         grown = with_ground(self.asked, pieces) if pieces else self.asked
@@ -253,9 +263,17 @@ def _planned_on(scene: Scenario, zones: tuple[ThreatZone, ...]) -> FoundRoutes:
 
 
 def _routes(
-    scene: Scenario, ground: OccupancyMap, standing: tuple[ThreatZone, ...], within: float
+    scene: Scenario,
+    ground: OccupancyMap,
+    standing: tuple[ThreatZone, ...],
+    within: float,
+    plan: Callable[[Scenario], Plan] | None,
+    driven: list[Array],
 ) -> FoundRoutes | Reason | None:
-    """Find routes among what stands, or over the map alone, the best to follow first; None if none takes so long, s."""
+    """Find routes among what stands, or over the map alone, the best to follow first; None if none takes so long, s.
+
+    A trip along the first is planned in the ground along them and what is driven, if that is asked for.
+    """
     while True:
         shapes = (*standing, *corridor_zones(changed(scene, corridor=None)))
         batch = ZoneBatch.of(shapes, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0)
@@ -272,13 +290,28 @@ def _routes(
         return None
     lines = [line] if routes.drivable is None else [routes.drivable, line]
     lines = [np.concatenate([[scene.start.position], each[1:-1], [scene.goal.position]]) for each in lines]
-    return FoundRoutes(lines, ground_along(routes, lines))
+    found = FoundRoutes(lines, ground_along(routes, [*lines, *driven]))
+    within_ground = with_ground(scene, found.ground)
+    if within_ground.corridor:
+        corridor.known_outside(within_ground.corridor)  # here, where there are pauses
+    if plan is None:
+        return found
+    pause()
+    guide = straightened(lines[0], OVER_MAP.straight * scene.vehicle.radius).tolist()
+    trip = plan(changed(within_ground, guide=tuple((x, y) for x, y in guide)))
+    return replace(found, plan=trip if trip.certified else None)
 
 
 def _ahead(trip: Trip, state: State | Start) -> Array:
     """Return places (n, 2) m on what is left of a trip, from a state on."""
     times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, OVER_MAP.places)
     return np.concatenate([[state.position], trip.frame.to_world(trip.positions_at(times[1:]))])
+
+
+def _driven(now: Replan) -> list[Array]:
+    """Return what is left of the last trip, (n, 2) m, if the vehicle moves."""
+    state, last = now.moment.state, now.last
+    return [] if last is None or state.speed <= STOPS.standing else [_ahead(last.trip, state)]
 
 
 def _that_stand(now: Replan, means: Means) -> tuple[ThreatZone, ...]:

@@ -59,6 +59,7 @@ class MapRoutes:
     def _route(self, coarse: OccupancyMap) -> Array | None:
         free = ~_dilated(coarse, self.radius)
         self._without_others(coarse, free)
+        pause()
         ends = coarse.local([self.scenario.start.position, self.scenario.goal.position])
         begin, end = (self._free_cell(coarse, free, place) for place in ends)
         if begin is None or end is None:
@@ -75,6 +76,7 @@ class MapRoutes:
         for place, cell in zip(ends, (begin, end), strict=True):  # they may lie beside free cells by less than one
             own = tuple(np.clip(np.floor(place).astype(np.intp), 0, np.array(free.shape[::-1]) - 1)[::-1])
             band[own], left[own] = True, min(left[own], left[cell[1], cell[0]])
+        pause()
         found = drivable_route(self.scenario, self.radius, (*ends, coarse.yaw), band, left, coarse.resolution)
         self.drivable = None if found is None else coarse.world(found)
         return coarse.world(route)
@@ -287,6 +289,7 @@ def _shortest(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
+    pause()
     rows, columns = free.shape
     cells = np.flatnonzero(free)
     row, column = np.divmod(cells, columns)

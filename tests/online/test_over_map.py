@@ -239,3 +239,26 @@ def test_a_search_goes_on_in_each_replan_in_which_there_is_time_for_nothing_else
             break
         idle += sum(plan.timings.values()) < 0.2 * deadline
     assert idle <= max(stood, 4) / 2
+
+
+def test_a_trap_on_a_map_is_driven_round_though_there_is_never_time() -> None:
+    cells = np.zeros((60, 100), dtype=bool)
+    cells[10:50, 60:63] = cells[10:13, 30:60] = cells[47:50, 30:60] = True
+    scenario = sp.Scenario(
+        vehicle={
+            "radius": RADIUS,
+            "max_speed": 2.0,
+            "max_acceleration": 1.5,
+            "max_deceleration": 2.0,
+            "max_curvature": 2.0,
+        },
+        start={"time": 0.0, "position": (5.0, 3.0), "heading": 0.0, "speed": 0.0},
+        goal={"position": (8.5, 3.0), "speed": 0.0},
+        obstacles=[],
+        ground={"map": sp.OccupancyMap(cells, CELL)},
+    )
+    run = sp.simulate(scenario, deadline=1e-9, time_limit=30.0)
+    assert run.arrived
+    plans = [plan for plan in run.plans if isinstance(plan, sp.OnlinePlan)]
+    assert plans
+    assert all(plan.safe for plan in plans)
