@@ -18,15 +18,15 @@ from scp_planner.scenario.units import NaturalUnits
 class Assumptions:
     """Looks whether what the last plan was promised under still holds."""
 
-    def __init__(self, period: float, units: NaturalUnits) -> None:
-        self._period, self._units = period, units
+    def __init__(self, units: NaturalUnits) -> None:
+        self._units = units
         self._before: Moment | None = None
         self._told: frozenset[str] = frozenset()
 
     def broken(
-        self, now: Moment, last: OnlinePlan | None, following: Following, bounds: Bounds | None
+        self, now: Moment, last: OnlinePlan | None, following: Following, bounds: Bounds | None, period: float
     ) -> tuple[str, ...]:
-        """Return what does not hold any more and has not been told yet, and remember the moment."""
+        """Return what does not hold any more and has not been told yet, and remember the moment; a period is in s."""
         before, self._before = self._before, now
         wider, found = now.scenario.bounds, dict[str, str]()
         if bounds is not None and wider is not None and bounds is not wider:
@@ -35,16 +35,18 @@ class Assumptions:
         if room_on_map(now.scenario, now.scenario.start) < now.scenario.vehicle.radius - LENGTH:
             found["map"] = "the vehicle is on occupied cells of the map"
         if before is not None and last is not None:
-            found |= self._escaped(before, now, last.trip.frame) | self._off(before, now, last, following)
+            found |= self._escaped(before, now, last.trip.frame) | self._off(before, now, last, following, period)
         new = tuple(text for key, text in found.items() if key not in self._told)
         self._told = frozenset(found)
         return new
 
-    def _off(self, before: Moment, now: Moment, last: OnlinePlan, following: Following) -> dict[str, str]:
+    def _off(
+        self, before: Moment, now: Moment, last: OnlinePlan, following: Following, period: float
+    ) -> dict[str, str]:
         """Replans that come late, and a vehicle that does not keep to its plan."""
         found = dict[str, str]()
         late = now.state.time - before.state.time
-        if late > self._period * (1.0 + LATE) + TIME:
+        if late > period * (1.0 + LATE) + TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
         off = now.deviation(last.trip)
         if not following.allows(off):

@@ -98,7 +98,7 @@ class Evasion:
         view = self._with_time_for_harm(now)
         moment, standing = now.moment, HARM.standing if self._means.gives_way_late else HARM.creeping
         goes_on = int(bool(others) and now.last is not None and others[0].trip is now.last.trip)
-        soon = self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
+        soon = self._means.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
         model = HarmModel(moment, self.outlooks.border(moment), self._means.given.confidence, standing, soon)
         trips = model.of_trips([each.trip for each in others], view.manoeuvres.times)
         manoeuvres = model.of_manoeuvres(view.manoeuvres)

@@ -148,12 +148,9 @@ class Means:
         self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre})
         getting_away = time_from_a_stand(given.vehicle, REPLAN.clear_widths * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
-        # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
-        period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
-        self.safety_gate = SafetyGate(period, online.safety is Safety.STOP, following, self.wait)
+        self.safety_gate = SafetyGate(online.period, online.safety is Safety.STOP, following, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
-        stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
         self._ground = corridor_zones(given)
         self._grown: tuple[ThreatZone, ...] = ()
         if given.ground is not None:  # the corridor was grown: trips are planned in it, what is driven keeps off cells
@@ -164,8 +161,17 @@ class Means:
         self._missed: Start | None = None  # from which no trip along the route was found
         self.arrival = Arrival(given.goal, following, online)
         self.gives_way_late = True
+        self.replans_every(online.period)
+
+    def replans_every(self, period: float) -> None:
+        """Allow for so much time until the next replan, s."""
+        online, vehicle = self.online, self.given.vehicle
+        self.period = period
+        # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
+        self.safety_gate.period = period + (0.0 if vehicle.max_jerk is None else online.reaction_time)
+        stopping = braking_of(vehicle).time(vehicle.max_speed)
         # s, up to which zones grow for the trips that are planned among them
-        self.foresight = online.period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
+        self.foresight = period + online.reaction_time + stopping + 0.5 * SAFETY_GATE.commitment
         if online.foresight is not None:
             self.foresight = online.foresight
 

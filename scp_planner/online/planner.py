@@ -25,11 +25,12 @@ from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.pace import Pace
+from scp_planner.online.pace import PACE, Pace
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
+from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
 from scp_planner.scenario.models import Scenario, Steering
@@ -106,6 +107,8 @@ class Planner(Changeable):
         self.settings = replace(settings, acceleration_degree=0)
         online = OnlineSettings() if online is None else of_kind(online, OnlineSettings)
         self._online = online.for_scene(units)
+        self._period = self._online.period
+        self._gaps = deque[float](maxlen=PACE.gaps) if online.period is None else None
         self.online = replace(online, period=self._online.period * units.time)
         if tube is not None and online.tracking_error > 0.0:
             raise ValueError(f"tube, online.tracking_error: {online.tracking_error!r}; give one of them")
@@ -124,7 +127,7 @@ class Planner(Changeable):
         self._legs: LegsAhead | None = None
         self._asked = anchored(scenario).model_copy(update={"obstacles": ()})  # in the user's units
         self._take_up(inside, solver or solver_named(settings.solver))
-        self._assumptions = Assumptions(self._means.safety_gate.period, units)
+        self._assumptions = Assumptions(units)
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
@@ -277,6 +280,7 @@ class Planner(Changeable):
             now = self._on_leg(now, reported)
             for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
+            self._keep_up(state.time)
             now.lap("zones")
             if self._route is not None:
                 self._on_route(now, self._route)
@@ -294,6 +298,17 @@ class Planner(Changeable):
         for each in self.listeners:
             each.replanned(time, _point("position", position), heading, speed, ended - began)
         return self.plan
+
+    def _keep_up(self, time: float) -> None:
+        """Take the longest of the last gaps between replans, but for one of ten, for the period that is not given."""
+        if self._gaps is None or self._state is None:
+            return
+        self._gaps.append(time - self._state.time)
+        longest = sorted(self._gaps)[-1 - len(self._gaps) // 10]
+        period = longest if longest > self._period * (1.0 + LATE) + TIME else self._period
+        if period != self._online.period:
+            self._online = replace(self._online, period=period)
+            self._means.replans_every(period)
 
     def _leg_by_leg(self, now: Replan, legs: LegsAhead, reported: Callable[[], State]) -> tuple[Replan, OnlinePlan]:
         """Plan the leg under way, or the next one where the vehicle stands at the end of that."""
@@ -362,7 +377,8 @@ class Planner(Changeable):
         return output_named("planner record")(self, path, live)
 
     def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
-        yield from self._assumptions.broken(now.moment, self._last, self._means.following, self.given.bounds)
+        period, following = self._means.safety_gate.period, self._means.following
+        yield from self._assumptions.broken(now.moment, self._last, following, self.given.bounds, period)
         yield from self._inbox.leads()
         fast, before = speeding(abs(speed), self._means.given.vehicle.max_speed * self._units.speed), self._speeding
         self._speeding = fast is not None

@@ -82,7 +82,8 @@ class OnlineSettings(Knobs):
     Attributes
     ----------
     period : float or None
-        Longest time between two replans. A plan is safe until the next one, so longer: more caution. None: 0.1 units.
+        Longest time between two replans. A plan is safe until the next one, so longer: more caution. None: 0.1 units,
+        or longer if the last replans came later.
     tracking_error : float
         Largest distance between the vehicle and its planned position. Zones are larger by this.
     speed_error : float or None
