@@ -211,5 +211,10 @@ def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
     for column, each in enumerate(known):
         if each is not None:
             found[:, column] = each[rank[:, column]]
-            found[outside[:, column], column] = CONFORMAL.beyond * each[-1]
+            found[outside[:, column], column] = _beyond(float(each[-1]))
     return found
+
+
+def _beyond(largest: float) -> float:
+    """A size beyond the largest error: above 1 it is what is added, as in :func:`region_score`."""
+    return 1.0 + CONFORMAL.beyond * (largest - 1.0) if largest > 1.0 else min(CONFORMAL.beyond * largest, 1.0)

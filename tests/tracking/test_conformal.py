@@ -159,3 +159,15 @@ def test_regions_do_not_vanish_where_noise_explains_all_that_is_seen() -> None:
     for _ in range(300):
         scales.take_in(0, ["one", "two"], [0.0, 0.0])
     assert np.array_equal(scales.scales(["one", "two", "new"]), np.full((3, 1), CONFORMAL.least))
+
+
+@pytest.mark.parametrize(("largest", "most"), [(1 + 1e-6, 1.0), (3.0, 5.0), (1.0, 1.0), (0.8, 1.0), (0.3, 0.6)])
+def test_a_region_beyond_all_errors_is_larger_by_what_they_were(largest: float, most: float) -> None:
+    """Above 1 a size is what is added to variances: for errors of a micrometre that is not a metre."""
+    scales, base = AdaptiveScales(0.05, 1), 1.0 if largest > 1.0 else 0.0
+    for _ in range(300):
+        scales.take_in(0, ["other"], [0.1])
+    for share in np.linspace(0.5, 1.0, 20):  # a row of misses, until its level is below nothing
+        scales.take_in(0, ["wall"], [base + (largest - base) * share])
+    size = scales.scales(["wall"])[0, 0]  # beyond the largest but for a few of the newest
+    assert base + 1.2 * (largest - base) < size <= most + 1e-12 or size == most
