@@ -63,9 +63,9 @@ def threads_end(before: set[threading.Thread]) -> bool:
     return not begun_since(before)
 
 
-def begin(planner: Planner, scenario: sp.Scenario) -> OnlinePlan:
+def begin(planner: Planner, scenario: sp.Scenario, **options: Any) -> OnlinePlan:
     start = scenario.start
-    return planner.replan(start.time, start.position, start.heading, start.speed)
+    return planner.replan(start.time, start.position, start.heading, start.speed, **options)
 
 
 def follow(planner: Planner, time: float, **options: Any) -> OnlinePlan:
@@ -73,7 +73,8 @@ def follow(planner: Planner, time: float, **options: Any) -> OnlinePlan:
     plan = planner.plan
     assert plan is not None
     heading, speed = float(plan.heading(time)), max(float(plan.speed(time)), 0.0)
-    return planner.replan(time, plan.position(time), heading, speed, **options)
+    signed = -speed if plan.backward(time) else speed
+    return planner.replan(time, plan.position(time), heading, signed, **options)
 
 
 def seen(

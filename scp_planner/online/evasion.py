@@ -178,7 +178,7 @@ class Evasion:
         return self._first_safe(now, view.manoeuvres, seen)
 
     def _first_safe(self, now: Replan, manoeuvres: EvasiveManoeuvres, seen: Outlook) -> Manoeuvre | None:
-        """The certified one that is worth most; None if there is none."""
+        """The certified one that is worth most, or else the stop at once; None if none of those tried is certified."""
         clear = np.flatnonzero(np.isinf(seen.clear))
         left, tried = clear[np.argsort(-seen.worth[clear], kind="stable")], list[int]()
         while len(left) and len(tried) < EVASION.tried:
@@ -189,7 +189,7 @@ class Evasion:
                 return found
             if not now.has_time("manoeuvre", "certificate"):
                 break
-            # Where it is too fast for a place, so are others
+            # Others that are as fast would break that limit, too
             left = left[1:][manoeuvres.fastest[left[1:]] <= found.allowed_speed]
         if 0 in tried or not np.isinf(seen.clear[0]):
             return None

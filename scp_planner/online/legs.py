@@ -66,7 +66,7 @@ class LegsAhead:
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
         self._search: Coroutine[Plan] | None = None
         self._from: State | None = None  # where the search begins
-        self._about = -1  # The replan in which it turned to the other way
+        self._about = -1  # The replan in which the vehicle last changed between ahead and backwards
         self._lasts = ONLINE_LEGS.patience  # Units of time, until a search begins anew
         self._due, self._again, self._patience = True, -math.inf, ONLINE_LEGS.patience
 
@@ -164,13 +164,12 @@ class LegsAhead:
         return False
 
     def turns_about(self, now: Replan) -> bool:
-        """Drive the other way from here, if the vehicle stands and may; once a replan."""
+        """Change between ahead and backwards, if the vehicle stands and has a reverse gear; once a replan."""
         if self.asked.vehicle.reverse is None or now.moment.state.speed > STOPS.standing or self._about == now.cycle:
             return False
         self._about, self._due = now.cycle, True
-        backward = not self.backward
-        self._begin((), None)
-        self.backward = backward
+        self.legs, self._trip, self._next, self._turns_to = (), None, None, None
+        self.backward, self.sets_out = not self.backward, True
         return True
 
     def _turn(self, state: State) -> float:
@@ -184,11 +183,10 @@ class LegsAhead:
         """True if the vehicle may turn on the spot to where a leg begins."""
         return self.asked.vehicle.max_turn_rate is not None and not backward
 
-    def _begin(self, legs: tuple[Leg, ...], trip: Trip | None) -> None:
+    def _begin(self, legs: tuple[Leg, ...], trip: Trip) -> None:
         self.legs, self._trip, self._next = legs, trip, None
         self.backward = bool(legs) and legs[0].backward
-        turns = trip is not None and self._may_turn_to(self.backward)
-        self._turns_to = Leg(trip).state(trip.frame.time)[1] if trip is not None and turns else None
+        self._turns_to = Leg(trip).state(trip.frame.time)[1] if self._may_turn_to(self.backward) else None
         self.sets_out = True
 
     # the search
@@ -196,7 +194,7 @@ class LegsAhead:
     def _searched(self, now: Replan, means: Means) -> bool:
         """Look for manoeuvres until the deadline; return True when that has come to an end.
 
-        What lasts for long begins anew among those who have moved on, and may last longer.
+        A search that lasts for long begins anew among obstacles that have moved on, and may last longer.
         """
         state = now.moment.state
         begun = math.inf if self._search is None or self._from is None else self._from.time

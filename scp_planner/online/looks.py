@@ -124,7 +124,7 @@ class Looks:
             if _cutoff(now, best) <= self._means.least_time(now.moment.scenario):
                 self._look = None
                 return False
-        return now.has_time("look", *(IMPROVEMENT if self.under_way else IMPROVEMENT[:1]))
+        return now.has_time("look", *(IMPROVEMENT if self.under_way else ("problem",)))
 
     def look(self, now: Replan, fresh: Renewal, best: Vetted | None) -> Vetted | None:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""

@@ -174,7 +174,7 @@ class ManoeuvreOutlooks:
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
-        counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment.batch, vehicle)))
+        counted = np.where(after & (time > WORTH.outlook), np.inf, judged.less(self._spare(moment)))
         worth = left[0] - left[1] - self._cost(time, judged.least / width, counted / width) * width
         return Outlook(least, room, clear, left[2], worth, np.full(len(worth), np.nan))
 
@@ -250,9 +250,10 @@ class ManoeuvreOutlooks:
     def _cost(self, time: Array, near: Array, counted: Array) -> Array:
         return WORTH.nearness * self._patience * nearness(time, near) + harm(time, counted)
 
-    def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
+    def _spare(self, moment: Moment) -> Array:
         """Clearance from each of L zones, (L, 1) m, below which a place counts as within them."""
-        share = np.minimum(np.hypot(*batch.velocities.grid(np.zeros(1))[0].T) / vehicle.max_speed, 1.0)
+        vehicle = moment.scenario.vehicle
+        share = np.minimum(moment.speeds / vehicle.max_speed, 1.0)
         spare: Array = WORTH.spare * self._patience * 2.0 * vehicle.radius * share
         return spare[:, None]
 
@@ -288,7 +289,7 @@ class ManoeuvreOutlooks:
         gained = value_at(WORTH.gain_time, time, (driven + vehicle.max_speed * over)[None])
         gained = gained - self._lost_by_going_on(moment, trip)
         near = np.where(over > 0.0, np.inf, room.least)
-        counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
+        counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 
     def dead_end(self, moment: Moment, seen: Outlook) -> Array:

@@ -10,7 +10,8 @@ from time import perf_counter
 @dataclass(frozen=True)
 class PaceParameters:
     kept: float = 0.8  # Share of what a stage took that is still expected of it the next time
-    gaps: int = 20  # Last replans, whose gaps tell the period where none is given
+    gaps: int = 20  # Last replans, whose longest gap is the period where none is given
+    outliers: float = 0.1  # Share of these gaps that may be longer, such as by a pause
     starved: int = 10  # Times in a row that there was no time for a stage, of which the last begins it all the same
 
 

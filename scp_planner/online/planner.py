@@ -300,11 +300,11 @@ class Planner(Changeable):
         return self.plan
 
     def _keep_up(self, time: float) -> None:
-        """Take the longest of the last gaps between replans, but for one of ten, for the period that is not given."""
+        """Adapt the period, if none is given, to the last gaps between replans, but for outliers."""
         if self._gaps is None or self._state is None:
             return
         self._gaps.append(time - self._state.time)
-        longest = sorted(self._gaps)[-1 - len(self._gaps) // 10]
+        longest = sorted(self._gaps)[-1 - int(PACE.outliers * len(self._gaps))]
         period = longest if longest > self._period * (1.0 + LATE) + TIME else self._period
         if period != self._online.period:
             self._online = replace(self._online, period=period)

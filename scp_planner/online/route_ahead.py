@@ -99,11 +99,8 @@ class RouteAhead:
 
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
-        return self._looked(now, means)
-
-    def _looked(self, now: Replan, means: Means) -> bool:
-        state, leads = now.moment.state, self._leads(now, means)
-        way = np.array(means.scenario_at(state).guide or (state.position, means.given.goal.position))
+        state, scene, leads = now.moment.state, now.moment.scenario, self._leads(now, means)
+        way = np.array(scene.guide or (state.position, scene.goal.position))
         waited = self._waiting.waited(state.time, float(lengths_along(way)[-1]))
         if leads:
             self._waiting = Waiting()
@@ -135,14 +132,16 @@ class RouteAhead:
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         """Return the search for a route that takes so long at most, s."""
-        scene = means.scenario_at(now.moment.state)
+        scene = now.moment.scenario
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
         if not self.guides:
             return partial(_planned_on, changed(scene, guide=self.asked.guide and scene.guide), zones)
-        # Without a deadline the look for ways does as much
-        anyhow = self._stuck and math.isfinite(now.deadline)
         scene = changed(scene, guide=None)
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck, anyhow)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._plans_whole(now))
+
+    def _plans_whole(self, now: Replan) -> bool:
+        """True if a whole trip is due: without a deadline the search for ways in one replan does as much."""
+        return self._stuck and math.isfinite(now.deadline)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -174,7 +173,7 @@ class MapRouteAhead(RouteAhead):
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if the ground is another one."""
         if self._grown:
-            return self._looked(now, means)
+            return super().renewed(now, means)
         # Another map or goal: what is driven may still be as good as any
         state, last, leads = now.moment.state, now.last, self._leads(now, means)
         alone = replace(now.moment, zones=())
@@ -186,8 +185,7 @@ class MapRouteAhead(RouteAhead):
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         scene = self._scene_at(now.moment.state, means)
-        # Without a deadline the look for ways does as much
-        plan = means.planned_along if self._stuck and math.isfinite(now.deadline) else None
+        plan = means.planned_along if self._plans_whole(now) else None
         return partial(_routes, scene, self.map, _that_stand(now, means), within, plan, _driven(now))
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:
@@ -203,17 +201,16 @@ class MapRouteAhead(RouteAhead):
 
     def _grow(self, now: Replan, means: Means, found: FoundRoutes) -> None:
         """Take the ground along routes from here to the goal, and grow it along what is driven."""
-        state, lines = now.moment.state, list[Array]()
+        state, lines = now.moment.state, _driven(now)
         if not found.lines:
             lines = [np.array([state.position] * 2) if now.last is None else _ahead(now.last.trip, state)]
-        elif not all(leads_through(found.ground, line, self.asked.vehicle.radius) for line in _driven(now)):
-            lines = _driven(now)
+        elif all(leads_through(found.ground, line, self.asked.vehicle.radius) for line in lines):
+            lines = []
         routes = MapRoutes(self._scene_at(state, means), self.map)
         pieces = self._ground = [*found.ground, *ground_along(routes, lines)]
         guide = self.asked.guide
         if guide is None and self._blocked is None:
-            line = straightened((found.lines or lines)[0], OVER_MAP.straight * self.asked.vehicle.radius)[:-1]
-            guide = (*((x, y) for x, y in line.tolist()), self.asked.goal.position)
+            guide = _guide_along((found.lines or lines)[0], self.asked)
         grown = with_ground(self.asked, pieces) if pieces else self.asked
         self.scene, self._grown = changed(grown, ground=self.asked.ground, guide=guide), True
 
@@ -235,7 +232,7 @@ def _route_round(
 ) -> FoundRoutes | None:
     """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s.
 
-    A trip is planned along it; or ``anyhow``.
+    A trip is planned along it; with ``anyhow`` along the straight guide, too.
     """
     frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
     limits = Limits.of(scene, settings.limit_margin).rounded()
@@ -252,8 +249,7 @@ def _route_round(
     found = _planned_on(scene, zones)
     if found.plan is None or (found.plan.trip.trajectory.space.guide.straight and not stuck):
         return found
-    line = straightened(_ahead(found.plan.trip, scene.start), OVER_MAP.straight * scene.vehicle.radius)
-    return replace(found, lines=[np.concatenate([line[:-1], [scene.goal.position]])])
+    return replace(found, lines=[np.array(_guide_along(_ahead(found.plan.trip, scene.start), scene))])
 
 
 def _planned_on(scene: Scenario, zones: tuple[ThreatZone, ...]) -> FoundRoutes:
@@ -297,9 +293,14 @@ def _routes(
     if plan is None:
         return found
     pause()
-    guide = straightened(lines[0], OVER_MAP.straight * scene.vehicle.radius).tolist()
-    trip = plan(changed(within_ground, guide=tuple((x, y) for x, y in guide)))
+    trip = plan(changed(within_ground, guide=_guide_along(lines[0], scene)))
     return replace(found, plan=trip if trip.certified else None)
+
+
+def _guide_along(line: Array, scene: Scenario) -> tuple[tuple[float, float], ...]:
+    """Return a guide to the goal near to a polyline, (n, 2) m."""
+    straight = straightened(line, OVER_MAP.straight * scene.vehicle.radius)[:-1].tolist()
+    return (*((x, y) for x, y in straight), scene.goal.position)
 
 
 def _ahead(trip: Trip, state: State | Start) -> Array:

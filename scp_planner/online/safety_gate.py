@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Mask
+from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
@@ -82,10 +82,14 @@ class Moment:
         return self.batch_in(self.frame)
 
     @cached_property
+    def speeds(self) -> Array:
+        """Speeds of the zones of the batch now, (L,) m/s."""
+        return np.hypot(*self.batch.velocities.grid(np.zeros(1))[0].T)
+
+    @property
     def stands(self) -> Mask:
         """True of the zones of the batch that stand or hardly move, (L,)."""
-        velocity = self.batch.velocities.grid(np.zeros(1))[0]
-        return np.hypot(velocity[:, 0], velocity[:, 1]) < REASONS.still * self.scenario.vehicle.max_speed
+        return self.speeds < REASONS.still * self.scenario.vehicle.max_speed
 
     @cached_property
     def _batches(self) -> dict[PlanningFrame, ZoneBatch]:

@@ -36,7 +36,7 @@ class ConformalSettings:
     # Share of its size in variance by which a region that is right is not worth to be changed: zones of one size take
     # less time to look at, and where misses go on the size soon leaves this share
     close: float = 0.01
-    beyond: float = 2.0  # Multiple of the largest squared error that is the quantile for a level of 1
+    beyond: float = 2.0  # Multiple of the largest squared error that is the quantile for a level below nothing
 
 
 CONFORMAL = ConformalSettings()
@@ -216,5 +216,5 @@ def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
 
 
 def _beyond(largest: float) -> float:
-    """A size beyond the largest error: above 1 it is what is added, as in :func:`region_score`."""
+    """Size beyond the largest error, as a :func:`region_score`: its part above 1 is a variance that is added."""
     return 1.0 + CONFORMAL.beyond * (largest - 1.0) if largest > 1.0 else min(CONFORMAL.beyond * largest, 1.0)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from replanning import follow
 
 import scp_planner as sp
 
@@ -123,7 +124,7 @@ def test_target_without_a_radius_is_met_within_the_way_of_a_period(match: bool) 
     planner = sp.Planner(scene(target={"motion": passing}, match_velocity=match), online=sp.OnlineSettings(period=0.1))
     plan = planner.replan(0.0, [0.0, 0.0], 1.5, 0.0)
     for t in np.arange(1, 50) / 10.0:
-        plan = planner.replan(float(t), plan.position(t), float(plan.heading(t)), float(plan.speed(t)))
+        plan = follow(planner, float(t))
         if plan.arrived:
             break
     assert plan.arrived

@@ -312,26 +312,19 @@ def test_a_copy_goes_on_by_itself(copied: Callable[[Planner], Planner]) -> None:
 def test_what_is_safe_stays_so_at_the_rate_of_the_replans_where_no_period_is_given() -> None:
     """The default period of this vehicle is 0.04 s; a target lies beyond a wall that it drives towards."""
     wall = [(4.0, -5.0), (4.3, -5.0), (4.3, 3.0), (4.0, 3.0)]
-    planner = sp.Planner(
-        sp.Scenario(
-            vehicle={
-                "radius": 0.3,
-                "max_speed": 3.0,
-                "max_acceleration": 2.0,
-                "max_deceleration": 2.0,
-                "max_curvature": 1.0,
-            },
-            start={"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0},
-            goal={"target": {"motion": {"position": (8.0, 0.0), "velocity": (0.0, 0.1)}}, "radius": 0.3},
-            walls=[wall],
-        )
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 2.0, "max_deceleration": 2.0}
+    scenario = sp.Scenario(
+        vehicle={**vehicle, "max_curvature": 1.0},
+        start={"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0},
+        goal={"target": {"motion": {"position": (8.0, 0.0), "velocity": (0.0, 0.1)}}, "radius": 0.3},
+        walls=[wall],
     )
-    place, heading, speed = np.zeros(2), 0.0, 0.0
-    for k in range(40):
-        plan, time = planner.replan(0.1 * k, place, heading, speed), 0.1 * (k + 1)
+    planner = sp.Planner(scenario)
+    plan = begin(planner, scenario)
+    for time in np.arange(1, 41) / 10.0:
         assert plan.safe
-        place, heading, speed = plan.position(time), float(plan.heading(time)), float(plan.speed(time))
-        assert Polygon(wall).distance(Point(place)) > 0.3 - 1e-6
+        assert Polygon(wall).distance(Point(plan.position(time))) > 0.3 - 1e-6
+        plan = follow(planner, float(time))
     assert planner.online.period is not None
     assert planner.online.period < 0.05
     assert sum("longer than the period" in doubt for doubt in planner.doubts) == 1
