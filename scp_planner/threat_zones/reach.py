@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, expanded
-from scp_planner.threat_zones.tolerances import SAME_PLACE
 from scp_planner.threat_zones.zone import ThreatZone
 
 if TYPE_CHECKING:
@@ -82,7 +80,7 @@ class Reach:
 
 
 def within_reach(zone: ThreatZone, reach: Reach) -> ThreatZone:
-    """Cut a zone: from when it stays larger than what can be reached, or extends beyond it, it is that.
+    """Cut a zone: from when it stays larger than what can be reached, it is that.
 
     Each of the two holds the level: at all times both do if the position at ``reach.start`` and the velocity do.
     """
@@ -95,11 +93,8 @@ def within_reach(zone: ThreatZone, reach: Reach) -> ThreatZone:
     centers, covariances = (PiecewisePolynomials(ends, part[None]) for part in parts)
     times = breaks[0] + (breaks[-1] - breaks[0]) * _LEADS
     own, most = (each.grid(times)[:, 0] for each in (zone.covariances, covariances))
-    offset = zone.centers.grid(times)[:, 0] - centers.grid(times)[:, 0]
-    apart = np.hypot(*offset.T)
-    beyond = apart * apart + support(own, offset) > support(most, offset) + SAME_PLACE * (1.0 + apart)
     larger = own[:, 0] + own[:, 2] > most[:, 0] + most[:, 2]
-    first = len(times) - int(np.logical_and.accumulate((larger | beyond)[::-1]).sum())
+    first = len(times) - int(np.logical_and.accumulate(larger[::-1]).sum())
     if first == len(times):
         return zone
     since = float(times[first])

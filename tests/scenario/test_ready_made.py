@@ -57,16 +57,16 @@ def test_a_word_is_a_model_in_a_file_and_in_python(
         assert sp.Scenario.load(tmp_path / "short.yaml") == scenario
 
 
-def test_figures_of_ship_and_drone_follow_from_what_is_cited() -> None:
+def test_figures_of_the_drone_and_bounds_of_the_ship_follow_from_what_is_cited() -> None:
     knots, length = 15 * 1852 / 3600, 10.0  # m/s; s to a length
     turn = knots**2 / (2.5 * length * knots)  # on half a tactical diameter of 5 lengths
+    assert ready_made.ready_made("ship").max_acceleration == pytest.approx(turn, abs=0.005)
+    assert ready_made.ready_made("ship").max_speed == pytest.approx(20 * 1852 / 3600, abs=0.05)
     top, tilted = 19.0, 9.81 * np.tan(np.pi / 6)
-    cited = {"ship": (turn, 60.0), "drone": (tilted, top / tilted)}
-    for name, (most, lasting) in cited.items():
-        process = ready_made.ready_made(name).process
-        assert isinstance(process, SingerAcceleration)
-        assert process.deviation == pytest.approx(most / np.sqrt(3.0), abs=0.005)  # uniform up to the most
-        assert process.time_constant == pytest.approx(lasting, abs=0.05)
+    process = ready_made.ready_made("drone").process
+    assert isinstance(process, SingerAcceleration)
+    assert process.deviation == pytest.approx(tilted / np.sqrt(3.0), abs=0.005)  # uniform up to the most
+    assert process.time_constant == pytest.approx(top / tilted, abs=0.05)
 
 
 def test_every_model_of_the_folder_has_its_word() -> None:
