@@ -16,7 +16,7 @@ from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import EIGENVALUE, RELATIVE
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Ground, Obstacle, Order, Scenario, Steering, Vehicle
+from scp_planner.scenario.models import Ground, Obstacle, Scenario, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.tolerances import SYMMETRY
 from scp_planner.tracking.tolerances import LEAST_DEVIATION, MOST_DEVIATION
@@ -25,19 +25,6 @@ from scp_planner.units import Units
 
 class OutOfRangeError(ValueError):
     """A finite number beyond what scenarios may hold: no misuse, but what a faulty sensor may say."""
-
-
-def check_places(call: str, scenario: Scenario) -> None:
-    """Refuse moving places to pass and a free order: only offline plans support them."""
-    faults = [
-        Fault(f"goals[{i}].target", "given", "must be null while driving; goal.target may be given")
-        for i, one in enumerate(scenario.goals)
-        if one.target is not None
-    ]
-    if scenario.goals and scenario.goals_order is not Order.GIVEN:
-        faults.append(Fault("goals_order", str(scenario.goals_order), "must be given while driving"))
-    if faults:
-        raise ScenarioError(call, faults)
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.errors import ScenarioError
 from scp_planner.mathematics.occupancy import OccupancyMap
-from scp_planner.online.arguments import check_places, ground_given
+from scp_planner.online.arguments import ground_given
 from scp_planner.online.perception import Perception
 from scp_planner.online.remaining import State
 from scp_planner.scenario.models import Goal, Ground, Passage, Scenario
@@ -39,6 +39,11 @@ class Changeable(Perception):
     @abstractmethod
     def given(self) -> Scenario:
         """The scenario that is planned for, in units of the scene, with the places that are left to pass."""
+
+    @property
+    @abstractmethod
+    def left(self) -> tuple[int, ...]:
+        """Numbers of the places on the way that are left to pass, of those that were asked for last."""
 
     @abstractmethod
     def _take_up(self, scenario: Scenario, solver: QpSolver) -> None:
@@ -138,20 +143,19 @@ class Changeable(Perception):
         start = self._asked.start
         if self._state is not None:
             start = self._units.inverse.scenario(self._left(self._state)).start
-        name = obstacle_met(changes.get("goal"))
-        if name is not None:
+        left = changes.get("goals", [self._asked.goals[k] for k in self.left])
+        names = {obstacle_met(one) for one in (changes.get("goal"), *left)} - {None}
+        for name in sorted(filter(None, names)):
             self._check_known(call, name)
-        seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id == name]
+        seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id in names]
         ground = changes.pop("ground", self._asked.ground)
         # Only of a goal that is asked for now is it a mistake to be on occupied cells
         checked = ground if changes.keys() & {"goal", "corridor"} else None
-        left = self._asked.goals[len(self._asked.goals) - len(self.given.goals) :]
         now = {"start": start, "obstacles": seen, "goals": left, **changes, "ground": checked}
         try:
             asked: Scenario = changed(Underway(**{**dict(self._asked), **now}), ground=ground)
         except ScenarioError as error:
             raise ScenarioError(call, error.faults) from None
-        check_places(call, asked)
         asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))
         inside = self._units.scenario(asked)
         with self._inbox.work:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
@@ -23,6 +22,7 @@ from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.pace import Pace
+from scp_planner.online.places_ahead import PlacesAhead
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import (
     Candidate,
@@ -46,7 +46,7 @@ from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.routes.over_map import MAPS
 from scp_planner.scenario.limits import Limits, straight_trip_time
-from scp_planner.scenario.models import Scenario, Start
+from scp_planner.scenario.models import Passage, Scenario, Start
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import arcs, trip_along
@@ -160,6 +160,7 @@ class Means:
         self.known: Plan | None = None  # A trip in these surroundings that was found with them
         self._missed: Start | None = None  # from which no trip along the route was found
         self.arrival = Arrival(given.goal, following, online)
+        self.places = PlacesAhead(given)
         self.gives_way_late = True
         self.replans_every(online.period)
 
@@ -177,21 +178,16 @@ class Means:
 
     def drop_passed(self, state: State, before: State | None, last: OnlinePlan | None) -> None:
         """Forget the places that have been passed, as reported or on the last plan since the last state."""
-        given, ahead = self.given, state.heading or 0.0
+        given = self.given
         if not given.goals:
             return
-
-        def here(times: Array) -> tuple[Array, Array]:
-            shape = len(times), 2
-            return np.full(shape, state.position), np.full(shape, (math.cos(ahead), math.sin(ahead)))
-
-        found = [passes(here, state.time, state.time, given)]
+        driven = None
         if last is not None and before is not None:
-            if Deviation.of(state, last.trip, given.vehicle).distance <= self.following.largest + OFF:
-                found.append(passes_of(last.trip, given, before.time))
-        count = max(sum(one.passed and one.time <= state.time for one in some) for some in found)
-        if count:
-            self.given = changed(given, goals=given.goals[count:])
+            off = Deviation.of(state, last.trip, given.vehicle).distance
+            driven = last.trip if off <= self.following.largest + OFF else None
+        left = self.places.drop(given, state, before, driven)
+        if len(left) < len(given.goals):
+            self.given = changed(given, goals=left)
 
     def moment(self, state: State, last: OnlinePlan | None) -> Moment:
         """Return a moment at a state, with all that has been observed, and the goal where the last plan may meet it."""
@@ -203,8 +199,19 @@ class Means:
         scenario, goal = self.scenario_at(state), self.given.goal
         if scenario.ground is not None:
             scenario = changed(scenario, corridor=None)
+        passing: tuple[Passage, ...] = ()
+        if not self.places.are_fixed:
+            placed = self.places.placed(scenario, zones, last)
+            if isinstance(placed, str):
+                lost = Reason(ReasonCode.BLOCKED, placed)
+                return Moment(state, changed(scenario, goals=()), zones, self.following.tube, lost=lost)
+            spots = (one.position for one in placed.goals)
+            scenario = changed(placed, guide=(state.position, *spots, goal.position))
+            passing = self.places.passing
+        touched = self.places.touched(self.given, self.obstacles.tracks)
+        zones = tuple(zone for zone in zones if zone.id not in touched) if touched else zones
         if goal.target is None:
-            return Moment(state, scenario, zones, self.following.tube, onward=self.onward)
+            return Moment(state, scenario, zones, self.following.tube, passing=passing, onward=self.onward)
         arrival = self.arrival
         moving = MovingGoal.of(goal, zones, arrival.near, arrival.speed, arrival.heading)
         if last is not None and last.outcome not in AWAY and last.status is not PlanStatus.INFEASIBLE:

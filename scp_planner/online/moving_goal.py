@@ -26,6 +26,15 @@ class MovingGoalParameters:
 MOVING_GOAL = MovingGoalParameters()
 
 
+def doubt(target: TargetMotion, time: float, radius: float) -> float:
+    """Reduction of a radius, m, so that a target itself is surely within it at a time, s."""
+    spread = target.covariance(time)
+    if spread is None:
+        return 0.0
+    deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+    return min(MOVING_GOAL.surely * deviation, MOVING_GOAL.widest * radius)
+
+
 @dataclass(frozen=True)
 class MovingGoal:
     """A target and what is asked of the arrival at it, in units of the scene."""
@@ -86,11 +95,7 @@ class MovingGoal:
 
     def doubt(self, time: float) -> float:
         """Reduction of the radius, m, so that the target itself is surely within it at a time, s."""
-        spread = self.target.covariance(time)
-        if spread is None:
-            return 0.0
-        deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
-        return min(MOVING_GOAL.surely * deviation, MOVING_GOAL.widest * self.goal.radius)
+        return doubt(self.target, time, self.goal.radius)
 
     def meeting(self, scenario: Scenario, last: OnlinePlan | None) -> float:
         """Return the absolute time at which the target is met, s; inf if it gets away.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.mathematics.occupancy import NAME
-from scp_planner.online.arguments import _point, check_number, check_places, direction, speeding
+from scp_planner.online.arguments import _point, check_number, direction, speeding
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.changeable import Changeable
 from scp_planner.online.decision import Decision
@@ -33,7 +33,7 @@ from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
 from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
-from scp_planner.scenario.models import Scenario, Steering
+from scp_planner.scenario.models import Order, Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.online import OnlineSettings
@@ -85,8 +85,6 @@ class Planner(Changeable):
     ------
     ValueError
         If no solver has that name, or there is a tube and a tracking error.
-    ScenarioError
-        If places to pass on the way move, or may be passed in any order.
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     """
@@ -100,7 +98,6 @@ class Planner(Changeable):
         tube: TrackingTube | None = None,
     ) -> None:
         units = NaturalUnits.of(scenario)
-        check_places(type(self).__name__, scenario)
         settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None
@@ -146,9 +143,11 @@ class Planner(Changeable):
         changes = {"vehicle": larger(scenario.vehicle, self._tube), "goal": in_time, "goals": tuple(passed)}
         given = anchored(scenario.model_copy(update=changes))
         backward = self._legs is not None and self._legs.backward
-        self._legs = LegsAhead(given, backward) if may_back_up(given) else None
+        stand = given.goal.target is None and all(one.target is None for one in given.goals)
+        stand &= not given.goals or given.goals_order is Order.GIVEN
+        self._legs = LegsAhead(given, backward) if stand and may_back_up(given) else None
         self._route: RouteAhead | None = None
-        if given.goal.target is None and self._legs is None:
+        if stand and self._legs is None:
             if given.ground is None:
                 self._route = RouteAhead(given)
             elif not given.goals:
@@ -212,6 +211,11 @@ class Planner(Changeable):
         asked = self._route.asked  # the planner's own guide and corridor were not asked for
         corridor = None if asked.ground is not None else made.corridor
         return changed(made, corridor=corridor, guide=asked.guide and made.guide, ground=self._asked.ground)
+
+    @property
+    def left(self) -> tuple[int, ...]:
+        """Numbers of the places on the way that are left to pass, of those that were asked for last."""
+        return self._means.places.left if self._legs is None else tuple(range(len(self.given.goals)))
 
     def _left(self, state: State) -> Scenario:
         if self._legs is None:

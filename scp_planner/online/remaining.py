@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.constraints.passing import in_order
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.tolerances import LENGTH, OFF, RELATIVE
@@ -150,7 +151,7 @@ def _over(guide: Guide, points: Array) -> tuple[Array, Array]:
     steps = min(max(2, round(guide.length / REMAINING.guide_step)), REMAINING.most_stations)
     stations = np.linspace(0.0, guide.length, steps + 1)
     away = points[:, None] - guide.frame(stations).position
-    nearest = stations[np.argmin((away * away).sum(axis=2), axis=1)]
+    nearest = stations[in_order((away * away).sum(axis=2))]  # one after the other, where it comes by a place twice
     for _ in range(2):
         frame = guide.frame(nearest)
         relative = points - frame.position

@@ -30,7 +30,7 @@ from scp_planner.online.stops import (
     surely_clear,
 )
 from scp_planner.online.tolerances import TIME
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import Passage, Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
@@ -67,6 +67,7 @@ class Moment:
     tube: TrackingTube | None = None
     moving: MovingGoal | None = None  # The goal, where that moves
     lost: Reason | None = None  # Why there is no goal to plan to
+    passing: tuple[Passage, ...] = ()  # Places on the way as they have to be passed, where the scenario's are narrower
     onward: bool = False  # The vehicle stands at the goal before it drives on
     whole: Moment | None = None
     share: float = 1.0
@@ -134,6 +135,8 @@ class Moment:
         motions: Motions | None = None,
     ) -> Certificate:
         scenario = self.scenario
+        if self.passing:
+            scenario = changed(scenario, goals=self.passing)
         if self.moving is not None:
             arrival = trip.frame.time + trip.trajectory.travel_time
             scenario = changed(scenario, goal=self.moving.accepted(arrival))

@@ -85,27 +85,32 @@ def _in_order(
         left = None if deadline == inf else max(deadline - perf_counter(), 0.0) / parts
         return plan_one(one, left, begin)
 
-    best_guide, again, best = 0, visit.taken(scenario), inf
-    for number in range(OVER_PLACES.rounds):
-        one, found = again, dict[int, Plan]()
-        guided = over_places(fixed(one), _legs(one, settings, deadline))
-        for place in sorted(range(len(guided)), key=lambda place: place != best_guide):
-            if number == 0 or not any(_expected(each, visit) for each in found.values()):
-                found[place] = planned(guided[place], len(guided) - len(found) + moves)
-        best_guide = min(found, key=lambda place: _rank(found[place]))
-        nearest = found[best_guide]
-        yield from (_Tried(each, not moves) for each in found.values())
-        if not moves:
-            return
+    again = visit.taken(scenario)
+    if not moves:
+        guides = over_places(fixed(again), _legs(again, settings, deadline))
+        for tried, guided in enumerate(guides):
+            yield _Tried(planned(guided, len(guides) - tried), True)
+        return
+    best_guide, best = 0, inf
+    for _ in range(OVER_PLACES.rounds):
+        one, led = again, dict[int, tuple[Plan, Plan]]()
+        guides = over_places(fixed(one), _legs(one, settings, deadline))
+        for place in sorted(range(len(guides)), key=lambda place: place != best_guide):
+            nearest = planned(guides[place], 2 * (len(guides) - len(led)))
+            yield _Tried(nearest, False)
+            assert nearest.planned is not None
+            led[place] = nearest, planned(changed(one, guide=nearest.planned.guide), 1, nearest.trip)
+            yield _Tried(led[place][1], True)
+            if _expected(led[place][1], visit):
+                break
+        best_guide = min(led, key=lambda place: (not led[place][1].certified, *_rank(led[place][0])))
+        nearest, last = led[best_guide]
         visit = visit.led_by(one, nearest.trip)
         again = visit.taken(scenario)
-        assert nearest.planned is not None
-        led = planned(changed(one, guide=nearest.planned.guide), 1, nearest.trip)
-        yield _Tried(led, True)
-        gains = led.certified and led.travel_time < best * (1.0 - OVER_PLACES.gain)
+        gains = last.certified and last.travel_time < best * (1.0 - OVER_PLACES.gain)
         if again == one or perf_counter() > deadline or not (gains or best == inf):
             return
-        best = led.travel_time if led.certified else best
+        best = last.travel_time if last.certified else best
 
 
 def _expected(plan: Plan, visit: Visit) -> bool:
@@ -167,14 +172,19 @@ class Visit:
             goals.append(one if motion is None or time == inf else changed(one, position=motion.place(time)))
         return changed(scenario, goals=tuple(goals), goals_order=Order.GIVEN)
 
-    def led_by(self, taken: Scenario, trip: Trip) -> Visit:
-        """Return the same order at times of straight legs that take as long as those of a trip over the places."""
-        found, begun, ends = passes_of(trip, fixed(taken)), taken.start.time, trip.trajectory.travel_time
+    def led_by(self, taken: Scenario, trip: Trip, onward: Scenario | None = None) -> Visit:
+        """Return the same order at times of straight legs that take as long as those of a trip over the places.
+
+        The trip may be under way, in a scenario that begins later, with targets as they are seen then.
+        """
+        onward = onward or taken
+        begun, ends = onward.start.time, trip.frame.time + trip.trajectory.travel_time
+        found = passes_of(trip, fixed(taken), begun)
         if not found[-1].passed:
             return self
-        legs = _Legs(taken, VISITS.first * ends)
-        times = [0.0, *(one.time - begun for one in found), ends]
-        places = [taken.start.position, *(one.position for one in taken.goals), taken.goal.position]
+        legs = _Legs(onward, VISITS.first * (ends - begun))
+        times = [0.0, *(one.time - begun for one in found), ends - begun]
+        places = [onward.start.position, *(one.position for one in taken.goals), taken.goal.position]
         radii = [0.0, *legs.radii.tolist()]
         delays = [
             times[k + 1] - times[k] - (dist(places[k], places[k + 1]) - radii[k] - radii[k + 1]) / legs.top

@@ -77,7 +77,10 @@ def over_places(scenario: Scenario, legs: Sequence[Array]) -> tuple[Scenario, ..
     The first is the polyline. Where that turns sharply at a place, another one passes it in the middle of the turn,
     along arcs that the vehicle can drive: some such trips bend less, others come better round the corner.
     """
-    start, goal, bend = scenario.start, scenario.goal, scenario.vehicle.max_curvature
+    start, goal, vehicle = scenario.start, scenario.goal, scenario.vehicle
+    bend = vehicle.max_curvature
+    if bend is None and vehicle.max_lateral_acceleration is not None:
+        bend = vehicle.max_lateral_acceleration / vehicle.max_speed**2
     straight = [leg[0] for leg in legs] + [legs[-1][-1]]
     leaves = [float(np.arctan2(*(leg[1] - leg[0])[::-1])) for leg in legs]
     comes = [float(np.arctan2(*(leg[-1] - leg[-2])[::-1])) for leg in legs]

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import Goal, Order, Passage, Scenario
 from scp_planner.scenario.shapes import Disc, Shape
+from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.simulation.run import STRANGER
 from scp_planner.simulation.worlds import Script, VehicleState, World
@@ -62,8 +63,18 @@ class Stage:
             course.append(self.centers.get(name, absent))
 
     def is_met(self) -> bool:
-        """True if the vehicle is at the target, where the goal has one."""
-        goal = self.scenario.goal
+        """True if the vehicle is at the target, where the goal has one, and has been at those on the way."""
+        goal, since = self.scenario.goal, 0
+        for one in self.scenario.goals:
+            if one.target is None:
+                continue
+            course = np.array(self.courses[one.target.obstacle or ""])
+            away = np.hypot(*(np.array(self.positions) - course - one.offset).T)
+            met = np.flatnonzero(away[since:] <= one.within(self.scenario.vehicle))
+            if not len(met):
+                return False
+            if self.scenario.goals_order is Order.GIVEN:
+                since += int(met[0])
         if goal.target is None:
             return True
         place = self.centers.get(goal.target.obstacle or "")
@@ -83,11 +94,12 @@ class Stage:
         return np.asarray(np.min([self._disc_clearances(disc, first, last) for disc in discs], axis=0))
 
     def _disc_clearances(self, own: Array, first: int, last: int) -> Array:
-        least, target = np.full(last - first, np.inf), self.scenario.goal.target
+        least = np.full(last - first, np.inf)
+        goals: list[Goal | Passage] = [self.scenario.goal, *self.scenario.goals]
         for name, course in self.courses.items():
             center = np.array(course[first:])
             shape = self.shapes.get(name, STRANGER)
-            if target is not None and name == target.obstacle and is_touched(self.scenario, shape):
+            if any(obstacle_met(one) == name and is_touched(self.scenario, shape, goal=one) for one in goals):
                 continue
             relative = own - center
             distance = _closest(relative)

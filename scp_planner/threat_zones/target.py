@@ -20,6 +20,12 @@ from scp_planner.threat_zones.zone import ThreatZone
 POINT = Disc(disc=1.0)
 
 
+class Followed(Target):
+    """A target whose motion is estimated elsewhere, at the place to meet."""
+
+    seen: Any = None  # TargetMotion
+
+
 @dataclass(frozen=True)
 class TargetMotion:
     """Place to meet, target and offset together, in the units of its scenario."""
@@ -34,6 +40,9 @@ class TargetMotion:
         target = goal.target
         if target is None:
             return None
+        if isinstance(target, Followed):
+            seen: TargetMotion = target.seen
+            return seen
         if target.obstacle is not None:
             source = next(one for one in scenario.obstacles if one.id == target.obstacle)
         else:

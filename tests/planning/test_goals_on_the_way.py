@@ -224,17 +224,6 @@ def test_what_is_not_allowed_is_refused_by_its_key(goals: list[Any], more: dict[
         meeting(goals, **more)
 
 
-def test_planners_that_drive_refuse_targets_on_the_way() -> None:
-    with pytest.raises(sp.ScenarioError, match=r"goals\[0\]\.target"):
-        sp.Planner(meeting([NEAR]))
-    with pytest.raises(sp.ScenarioError, match="goals_order"):
-        sp.simulate(meeting([PLACE], goals_order="fastest"))
-    planner = sp.Planner(meeting([PLACE]))
-    with pytest.raises(sp.ScenarioError, match=r"goals\[0\]\.target"):
-        planner.set_goal({"position": [8.0, 0.0]}, goals=[NEAR])
-    assert len(planner.scenario.goals) == 1
-
-
 def test_a_planner_goes_on_to_the_next_place() -> None:
     goals = [{"position": [5.0, 0.0], "radius": 0.4}, {"position": [5.0, 5.0], "radius": 0.4}]
     planner = sp.Planner(passing([{"position": one["position"]} for one in goals], [0.0, 5.0], obstacles=[WALKER]))
