@@ -147,11 +147,10 @@ class Planner(Changeable):
         stand &= not given.goals or given.goals_order is Order.GIVEN
         self._legs = LegsAhead(given, backward) if stand and may_back_up(given) else None
         self._route: RouteAhead | None = None
-        if stand and self._legs is None:
-            if given.ground is None:
-                self._route = RouteAhead(given)
-            elif not given.goals:
-                self._route = MapRouteAhead(given)
+        if self._legs is None and given.ground is None:
+            self._route = RouteAhead(given)
+        elif self._legs is None and stand and not given.goals:
+            self._route = MapRouteAhead(given)
         self._set_out(given if self._legs is None else self._legs.scene, solver)
 
     def _set_out(self, given: Scenario, solver: QpSolver) -> None:

@@ -34,6 +34,7 @@ from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
 from scp_planner.planning.offline import planned
 from scp_planner.planning.over_map import OVER_MAP, ground_along, leads_through, least_time_along, with_ground
+from scp_planner.planning.over_places import fixed
 from scp_planner.planning.plan import Plan
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MapRoutes, straightened
@@ -79,7 +80,8 @@ class RouteAhead:
     def __init__(self, asked: Scenario) -> None:
         """Take a scenario in units of the scene."""
         self.asked, self.scene = asked, asked
-        self.guides = asked.guide is None and not asked.goals  # Else only a trip is looked for, where there is none
+        # Else only a trip is looked for, where there is none
+        self.guides = asked.guide is None and not asked.goals and asked.goal.target is None
         self._blocked: Reason | None = None  # Why there is no route, where nothing is driven without one
         self.plan: Plan | None = None  # A trip that was found with the route, and is not driven yet
         self._due = self.guides
@@ -100,6 +102,8 @@ class RouteAhead:
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
         state, scene, leads = now.moment.state, now.moment.scenario, self._leads(now, means)
+        if now.moment.lost is not None:
+            return False
         way = np.array(scene.guide or (state.position, scene.goal.position))
         waited = self._waiting.waited(state.time, float(lengths_along(way)[-1]))
         if leads:
@@ -107,13 +111,15 @@ class RouteAhead:
             self._due &= self.guides
         elif waited >= ROUTE_AHEAD.patience and not means.arrival.is_there(state.position):
             self._waiting = Waiting()
-            self._due, self._stuck = self.guides or math.isfinite(now.deadline), True
+            self._due = self._stuck = True
         return self._due and self._searched(now, means, leads)
 
     @staticmethod
     def _leads(now: Replan, means: Means) -> bool:
         """True if the last plan leads to the goal."""
-        return now.last is not None and now.last.outcome not in AWAY and means.arrival.is_end_of(now.last.trip)
+        if now.last is None or now.last.outcome in AWAY:
+            return False
+        return now.moment.moving is not None or means.arrival.is_end_of(now.last.trip)
 
     def _searched(self, now: Replan, means: Means, leads: bool) -> bool:
         state = now.moment.state
@@ -135,7 +141,7 @@ class RouteAhead:
         scene = now.moment.scenario
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
         if not self.guides:
-            return partial(_planned_on, changed(scene, guide=self.asked.guide and scene.guide), zones)
+            return partial(_planned_on, changed(fixed(scene), guide=self.asked.guide and scene.guide), zones)
         scene = changed(scene, guide=None)
         return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._plans_whole(now))
 

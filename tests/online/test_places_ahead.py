@@ -69,6 +69,25 @@ def test_the_fastest_order_of_places_is_driven_whatever_the_list_says() -> None:
     assert first < 0.7 * given
 
 
+@pytest.mark.parametrize("kind", ["places", "target", "target on the way"])
+def test_a_wall_on_the_way_is_driven_round(kind: str) -> None:
+    """Once the vehicle has come no nearer for a while; until then it stands before it."""
+    ann = boat("ann", (10.0, -1.0), (0.0, 0.25))
+    wall = [(5.0, -6.0), (5.3, -6.0), (5.3, 6.0), (5.0, 6.0)]
+    goals: dict[str, list[dict[str, Any]]] = {
+        "places": [{"position": (8.0, 1.0)}],
+        "target": [],
+        "target on the way": [{"target": "ann", "radius": 0.5}],
+    }
+    obstacles = [] if kind == "places" else [ann]
+    asked = scene(goals[kind], obstacles, walls=[wall])
+    if kind == "target":
+        asked = sp.Scenario(**{**asked.to_dict(), "goal": {"target": "ann", "radius": 0.5}})
+    run = sp.simulate(asked, noise=0.05, rate=10.0, seed=0)
+    assert run.arrived and all(one.safe for one in run.records)
+    assert run.travel_time < 2.5 * sp.plan(asked).travel_time
+
+
 def test_a_target_that_is_not_seen_is_waited_for() -> None:
     planner = sp.Planner(scene([{"target": "ann", "radius": 0.5}], BOATS[:1]))
     before = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
