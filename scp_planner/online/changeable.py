@@ -42,7 +42,7 @@ class Changeable(Perception):
 
     @property
     @abstractmethod
-    def left(self) -> tuple[int, ...]:
+    def _places_left(self) -> tuple[int, ...]:
         """Numbers of the places on the way that are left to pass, of those that were asked for last."""
 
     @abstractmethod
@@ -143,9 +143,9 @@ class Changeable(Perception):
         start = self._asked.start
         if self._state is not None:
             start = self._units.inverse.scenario(self._left(self._state)).start
-        left = changes.get("goals", [self._asked.goals[k] for k in self.left])
-        names = {obstacle_met(one) for one in (changes.get("goal"), *left)} - {None}
-        for name in sorted(filter(None, names)):
+        left = changes.get("goals", [self._asked.goals[k] for k in self._places_left])
+        names = [name for one in (changes.get("goal"), *left) if (name := obstacle_met(one)) is not None]
+        for name in names:
             self._check_known(call, name)
         seen = [self._units.inverse.obstacle(one) for one in self.obstacles.as_obstacles() if one.id in names]
         ground = changes.pop("ground", self._asked.ground)

@@ -20,7 +20,7 @@ from scp_planner.online.arrival import Arrival
 from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
-from scp_planner.online.moving_goal import MovingGoal
+from scp_planner.online.moving_goal import MovingGoal, but_for_touched
 from scp_planner.online.pace import Pace
 from scp_planner.online.places_ahead import PlacesAhead
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
@@ -55,7 +55,7 @@ from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import LONGEST_SPAN, SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import corridor_zones, is_touched
+from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory
@@ -208,8 +208,7 @@ class Means:
             spots = (one.position for one in placed.goals)
             scenario = changed(placed, guide=(state.position, *spots, goal.position))
             passing = self.places.passing
-        touched = self.places.touched(self.given, self.obstacles.tracks)
-        zones = tuple(zone for zone in zones if zone.id not in touched) if touched else zones
+        zones = but_for_touched(zones, self.places.goals, self.given, self.obstacles.tracks)
         if goal.target is None:
             return Moment(state, scenario, zones, self.following.tube, passing=passing, onward=self.onward)
         arrival = self.arrival
@@ -226,9 +225,7 @@ class Means:
             lost = Reason(ReasonCode.BLOCKED, "the target is not seen" if moving is None else GETS_AWAY)
             scenario = changed(scenario, goal=changed(standing, target=None))
             return Moment(state, scenario, zones, self.following.tube, lost=lost)
-        met = self.obstacles.tracks[moving.name]
-        if is_touched(self.given, met.shape, met.margin):
-            zones = tuple(zone for zone in zones if zone.id != met.id)
+        zones = but_for_touched(zones, (goal,), self.given, self.obstacles.tracks)
         return Moment(state, changed(scenario, goal=moving.planned(time)), zones, self.following.tube, moving)
 
     def scenario_at(self, state: State) -> Scenario:

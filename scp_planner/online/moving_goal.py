@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import dist, inf
 
@@ -11,8 +11,11 @@ import numpy as np
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.plan import OnlinePlan
-from scp_planner.scenario.models import Goal, Scenario
+from scp_planner.online.track import ObstacleTrack
+from scp_planner.scenario.models import Goal, Passage, Scenario
+from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.units import changed
+from scp_planner.threat_zones.of_scenario import is_touched
 from scp_planner.threat_zones.target import TargetMotion
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -35,6 +38,24 @@ def doubt(target: TargetMotion, time: float, radius: float) -> float:
     return min(MOVING_GOAL.surely * deviation, MOVING_GOAL.widest * radius)
 
 
+def motion_seen(goal: Goal | Passage, zones: Sequence[ThreatZone]) -> TargetMotion | None:
+    """Return the motion of a target by the newest zones of all obstacles; None where it is not among them."""
+    seen = next((zone for zone in zones if zone.id == obstacle_met(goal)), None)
+    return None if seen is None else TargetMotion.seen_as(seen, goal.offset)
+
+
+def but_for_touched(
+    zones: tuple[ThreatZone, ...],
+    goals: Sequence[Goal | Passage],
+    scenario: Scenario,
+    tracks: Mapping[str, ObstacleTrack],
+) -> tuple[ThreatZone, ...]:
+    """Return the zones but for those of the targets that the vehicle is to touch."""
+    met = [(tracks.get(obstacle_met(goal) or ""), goal) for goal in goals]
+    touched = {one.id for one, goal in met if one and is_touched(scenario, one.shape, one.margin, goal)}
+    return tuple(zone for zone in zones if zone.id not in touched) if touched else zones
+
+
 @dataclass(frozen=True)
 class MovingGoal:
     """A target and what is asked of the arrival at it, in units of the scene."""
@@ -50,15 +71,8 @@ class MovingGoal:
         cls, goal: Goal, zones: Sequence[ThreatZone], near: float, speed: float, heading: float
     ) -> MovingGoal | None:
         """Return the goal by the newest zones of all obstacles; None where that of the target is not among them."""
-        assert goal.target is not None, "the goal moves"
-        seen = next((zone for zone in zones if zone.id == goal.target.obstacle), None)
-        return None if seen is None else cls(TargetMotion.seen_as(seen, goal.offset), goal, near, speed, heading)
-
-    @property
-    def name(self) -> str:
-        """Id of the obstacle that is the target."""
-        assert self.goal.target is not None and self.goal.target.obstacle is not None, "it is an obstacle"
-        return self.goal.target.obstacle
+        target = motion_seen(goal, zones)
+        return None if target is None else cls(target, goal, near, speed, heading)
 
     def at(self, time: float) -> Goal:
         """Return the goal at an absolute time, s."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import takewhile
 from math import cos, inf, sin
 
@@ -10,19 +10,19 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.passing import passes, passes_of
-from scp_planner.online.moving_goal import MOVING_GOAL, doubt
+from scp_planner.online.moving_goal import MOVING_GOAL, doubt, motion_seen
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.remaining import State
-from scp_planner.online.track import ObstacleTrack
 from scp_planner.planning.over_places import Visit, visits
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.scenario.models import Order, Passage, Scenario
-from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.units import changed
-from scp_planner.threat_zones.of_scenario import is_touched
-from scp_planner.threat_zones.target import Followed, TargetMotion
+from scp_planner.threat_zones.target import Followed
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
+
+UNSEEN = "a target on the way is not seen"
+OUT_OF_REACH = "a target on the way gets away"
 
 
 class PlacesAhead:
@@ -57,10 +57,10 @@ class PlacesAhead:
                 found.append(passes_of(driven, asked, before.time))
             return max(sum(one.passed and one.time <= now for one in each) for each in found)
 
-        known = list(takewhile(self._seen.__contains__, self.left))
         if self._free:
             gone = {k for k in self.left if k in self._seen and passed(k)}
         else:
+            known = list(takewhile(self._seen.__contains__, self.left))
             gone = set(known[: passed(*known)])
         if gone:
             kept = [place for place, k in enumerate(self._order) if k not in gone]
@@ -70,17 +70,12 @@ class PlacesAhead:
             self._order = () if self._free else self.left
         return tuple(self.goals[k] for k in self.left)
 
-    def touched(self, given: Scenario, tracks: Mapping[str, ObstacleTrack]) -> set[str]:
-        """Return the ids of the targets, met or still to be met, that the vehicle is to touch."""
-        named = ((tracks.get(obstacle_met(one) or ""), one) for one in self.goals)
-        return {one.id for one, goal in named if one is not None and is_touched(given, one.shape, one.margin, goal)}
-
     def placed(self, scenario: Scenario, zones: Sequence[ThreatZone], last: OnlinePlan | None) -> Scenario | str:
         """Return a scenario with the places where they are passed, or why there is none."""
         for k in self.left:
             seen = _followed(self.goals[k], zones)
             if seen is None:
-                return NOT_SEEN
+                return UNSEEN
             self._seen[k] = seen
         if not self._order:
             scene = changed(scenario, goals=tuple(self._seen[k] for k in self.left))
@@ -90,7 +85,7 @@ class PlacesAhead:
         scene = changed(scenario, goals=ahead, goals_order=Order.GIVEN)
         visit = self._visit(scene, last)
         if any(time == inf and one.target is not None for time, one in zip(visit.times, ahead, strict=True)):
-            return GETS_AWAY
+            return OUT_OF_REACH
         self.passing = tuple(_narrower(one, time) for one, time in zip(ahead, visit.times, strict=True))
         taken = visit.taken(scene)
         self._taken = changed(taken, goals=tuple(map(_narrowest, taken.goals)))
@@ -100,25 +95,19 @@ class PlacesAhead:
         """Times at which the places are passed: as much later than straight at top speed as on the last trip."""
         follows = last is not None and last.outcome not in AWAY and last.status is not PlanStatus.INFEASIBLE
         if last is not None and follows and self._taken is not None:
-            unknown = Visit(tuple(range(len(scene.goals))), (inf,) * len(scene.goals), inf)
+            unknown = Visit.at_unknown_times(scene)
             led = unknown.led_by(self._taken, last.trip, scene)
             if led is not unknown:
                 return led
         return visits(scene, 1)[0]
 
 
-NOT_SEEN = "a target on the way is not seen"
-GETS_AWAY = "a target on the way gets away"
-
-
 def _followed(goal: Passage, zones: Sequence[ThreatZone]) -> Passage | None:
     """A place with the motion by which its target is seen; None where it is not."""
     if goal.target is None:
         return goal
-    zone = next((zone for zone in zones if zone.id == goal.target.obstacle), None)
-    if zone is None:
-        return None
-    return changed(goal, target=Followed.model_construct(seen=TargetMotion.seen_as(zone, goal.offset)))
+    motion = motion_seen(goal, zones)
+    return None if motion is None else changed(goal, target=Followed.model_construct(seen=motion))
 
 
 def _narrowest(goal: Passage) -> Passage:

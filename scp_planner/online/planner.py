@@ -26,6 +26,7 @@ from scp_planner.online.legs import LegsAhead
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.pace import PACE, Pace
+from scp_planner.online.places_ahead import PlacesAhead
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
@@ -33,7 +34,7 @@ from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
 from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
-from scp_planner.scenario.models import Order, Scenario, Steering
+from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.online import OnlineSettings
@@ -143,8 +144,7 @@ class Planner(Changeable):
         changes = {"vehicle": larger(scenario.vehicle, self._tube), "goal": in_time, "goals": tuple(passed)}
         given = anchored(scenario.model_copy(update=changes))
         backward = self._legs is not None and self._legs.backward
-        stand = given.goal.target is None and all(one.target is None for one in given.goals)
-        stand &= not given.goals or given.goals_order is Order.GIVEN
+        stand = given.goal.target is None and PlacesAhead(given).are_fixed
         self._legs = LegsAhead(given, backward) if stand and may_back_up(given) else None
         self._route: RouteAhead | None = None
         if self._legs is None and given.ground is None:
@@ -212,7 +212,7 @@ class Planner(Changeable):
         return changed(made, corridor=corridor, guide=asked.guide and made.guide, ground=self._asked.ground)
 
     @property
-    def left(self) -> tuple[int, ...]:
+    def _places_left(self) -> tuple[int, ...]:
         """Numbers of the places on the way that are left to pass, of those that were asked for last."""
         return self._means.places.left if self._legs is None else tuple(range(len(self.given.goals)))
 

@@ -101,9 +101,9 @@ class RouteAhead:
 
     def renewed(self, now: Replan, means: Means) -> bool:
         """Look for a route for a share of the time, where that is due; return True if there is another scene."""
-        state, scene, leads = now.moment.state, now.moment.scenario, self._leads(now, means)
         if now.moment.lost is not None:
             return False
+        state, scene, leads = now.moment.state, now.moment.scenario, self._leads(now, means)
         way = np.array(scene.guide or (state.position, scene.goal.position))
         waited = self._waiting.waited(state.time, float(lengths_along(way)[-1]))
         if leads:

@@ -164,6 +164,11 @@ class Visit:
     times: tuple[float, ...]  # s, absolute, at which each is passed
     arrival: float  # s after the start, of the model of straight legs
 
+    @classmethod
+    def at_unknown_times(cls, scenario: Scenario) -> Visit:
+        """Return the order in which a scenario lists its places."""
+        return cls(tuple(range(len(scenario.goals))), (inf,) * len(scenario.goals), 0.0)
+
     def taken(self, scenario: Scenario) -> Scenario:
         """Return a scenario whose goals are in this order, and its targets where they are met."""
         goals = list[object]()
@@ -201,7 +206,7 @@ def fixed(scenario: Scenario) -> Scenario:
 
 def visits(scenario: Scenario, most: int) -> list[Visit]:
     """Return the fastest orders, fastest first, at most so many; one where the order is given."""
-    unknown = Visit(tuple(range(len(scenario.goals))), (inf,) * len(scenario.goals), 0.0)
+    unknown = Visit.at_unknown_times(scenario)
     given, vehicle, start = scenario.goals_order is Order.GIVEN, scenario.vehicle, scenario.start
     if given and all(one.target is None for one in scenario.goals):
         return [unknown]

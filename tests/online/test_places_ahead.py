@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from replanning import begin, follow
+from scenes import disc
 
 import scp_planner as sp
 
@@ -20,14 +22,10 @@ VEHICLE = {
 }
 
 
-def boat(name: str, position: tuple[float, float], velocity: tuple[float, float]) -> dict[str, Any]:
-    return {"id": name, "shape": {"disc": 0.3}, "motion": {"position": position, "velocity": velocity}}
-
-
 BOATS = [
-    boat("ann", (6.0, 3.0), (0.1, -0.4)),
-    boat("bob", (12.0, -2.0), (-0.3, 0.2)),
-    boat("cem", (9.0, 5.0), (0.0, -0.3)),
+    disc("ann", (6.0, 3.0), (0.1, -0.4), radius=0.3),
+    disc("bob", (12.0, -2.0), (-0.3, 0.2), radius=0.3),
+    disc("cem", (9.0, 5.0), (0.0, -0.3), radius=0.3),
 ]
 
 
@@ -72,7 +70,7 @@ def test_the_fastest_order_of_places_is_driven_whatever_the_list_says() -> None:
 @pytest.mark.parametrize("kind", ["places", "target", "target on the way"])
 def test_a_wall_on_the_way_is_driven_round(kind: str) -> None:
     """Once the vehicle has come no nearer for a while; until then it stands before it."""
-    ann = boat("ann", (10.0, -1.0), (0.0, 0.25))
+    ann = disc("ann", (10.0, -1.0), (0.0, 0.25), radius=0.3)
     wall = [(5.0, -6.0), (5.3, -6.0), (5.3, 6.0), (5.0, 6.0)]
     goals: dict[str, list[dict[str, Any]]] = {
         "places": [{"position": (8.0, 1.0)}],
@@ -90,9 +88,9 @@ def test_a_wall_on_the_way_is_driven_round(kind: str) -> None:
 
 def test_a_target_that_is_not_seen_is_waited_for() -> None:
     planner = sp.Planner(scene([{"target": "ann", "radius": 0.5}], BOATS[:1]))
-    before = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
+    before = begin(planner, planner.scenario)
     planner.remove_obstacle("ann")
-    lost = planner.replan(0.1, (0.0, 0.0), 0.0, 0.0)
+    lost = follow(planner, 0.1)
     assert before.certified
     assert lost.safe and lost.code == "blocked" and "not seen" in str(lost.reason)
 
@@ -100,12 +98,11 @@ def test_a_target_that_is_not_seen_is_waited_for() -> None:
 def test_targets_on_the_way_can_be_given_while_driving() -> None:
     """With limits that change besides, the places that are left stay."""
     planner = sp.Planner(scene([], BOATS))
-    planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
+    begin(planner, planner.scenario)
     planner.set_goal({"position": (16.0, 0.0)}, goals=[{"target": "ann", "radius": 0.5}, {"position": (12.0, 1.0)}])
     planner.set_limits(max_speed=1.5)
-    plan = planner.replan(0.1, (0.0, 0.0), 0.0, 0.0)
-    for now in np.arange(0.2, 1.05, 0.1):
-        plan = planner.replan(now, plan.position(now), float(plan.heading(now)), float(plan.speed(now)))
+    for now in np.arange(1, 11) / 10.0:
+        plan = follow(planner, float(now))
     assert plan.certified and len(planner.given.goals) == 2
     there = np.linspace(1.0, plan.arrival_time, 2000)
     ann = np.array(BOATS[0]["motion"]["position"]) + there[:, None] * BOATS[0]["motion"]["velocity"]
