@@ -149,8 +149,10 @@ class LegSearch:
             drives = list[Drive]()
             for each in manoeuvres:
                 drives.append(steering.among_standing(each))
-            whole = [each for each in drives if not each.spares_a_leg]
-            for drive in sorted(whole or drives, key=lambda each: each.time):
+            each_kind = dict[tuple[float, ...], Drive]()
+            for drive in sorted(drives, key=lambda each: each.time):
+                each_kind.setdefault(drive.signs, drive)
+            for drive in each_kind.values():
                 known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
                 if perf_counter() > self.deadline or drive.time >= known:
                     break
@@ -221,20 +223,27 @@ class LegSearch:
         return made.verified(self.scenario, threat_zones=self.zones)
 
     def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Plan | None:
-        """Plan a leg that sets out at a time, s, or later if it is not clear then."""
+        """Plan a leg that sets out at a time, s, slower, or later if it is not clear then: whichever arrives first."""
         moving = {self.batch.ids[number] for number in self.batch.moving}
+        at_once = self._from(leg, changed(start, time=time), goal) if leg.wait > 0.0 else None
         for delay in LEGS.delays:
-            begin = changed(start, time=time + (leg.wait + delay * leg.time) * self.units.time)
-            for corners in _guides(leg.poses[:, :2]):
-                places = [self.units.world(place) for place in corners.tolist()]
-                guide = (begin.position, *places[1:-1], goal.position)
-                made = self._one(changed(self.scenario, start=begin, goal=goal, guide=guide), leg.backward)
-                if made.certified:
-                    return made
+            begin = time + (leg.wait + delay * leg.time) * self.units.time
+            made = self._from(leg, changed(start, time=begin), goal)
             touched = made.clearance.minimum < self.room * self.units.length and made.clearance.obstacle in moving
-            if not touched or start.speed > 0.0 or perf_counter() > self.deadline:
+            if made.certified or not touched or start.speed > 0.0 or perf_counter() > self.deadline:
                 break
-        return None
+        some = [each for each in (at_once, made) if each is not None and each.certified]
+        return min(some, key=lambda each: each.arrival_time, default=None)
+
+    def _from(self, leg: SteeredLeg, start: Start, goal: Goal) -> Plan:
+        """Plan a leg from a start, along one guide or another."""
+        for corners in _guides(leg.poses[:, :2]):
+            places = [self.units.world(place) for place in corners.tolist()]
+            guide = (start.position, *places[1:-1], goal.position)
+            made = self._one(changed(self.scenario, start=start, goal=goal, guide=guide), leg.backward)
+            if made.certified:
+                break
+        return made
 
     def _one(self, scene: Scenario, backward: bool = False) -> Plan:
         made = self.plan_one(backwards(scene) if backward else ahead(scene), self.left, False)

@@ -1,9 +1,9 @@
 """The switching poses of a manoeuvre for the least time: all its legs in one loop of quadratic programs.
 
 Each leg is driven along so many equal pieces of constant curvature; unknown are the curvatures, the lengths of the
-legs, and waits before them. A step is the answer to a quadratic program in a trust region, in which the goal and the
-clearances have a slack each, with an exact penalty (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 18.5).
-Speeds follow from curvatures and lengths.
+legs, by how much longer than at top speed each takes, and waits before them. A step is the answer to a quadratic
+program in a trust region, in which the goal and the clearances have a slack each, with an exact penalty (J. Nocedal,
+S. Wright, Numerical Optimization, 2006, section 18.5). Top speeds follow from curvatures and lengths.
 """
 
 from __future__ import annotations
@@ -81,8 +81,15 @@ class Steering:
         self.solver = solver_named("daqp")
 
     def among_standing(self, manoeuvre: Manoeuvre) -> Drive:
-        """Find the drive of the least time near a manoeuvre, among what stands."""
-        return self._improved(self._start(manoeuvre), self.zones.subset(self.zones.standing))
+        """Find the drive of the least time near a manoeuvre, among what stands, without legs that it can spare."""
+        standing = self.zones.subset(self.zones.standing)
+        drive = self._improved(self.along(manoeuvre), standing)
+        while (short := drive.spare_leg) is not None:
+            fewer = self._improved(self.along(drive.without(short)), standing)
+            if fewer.missed + fewer.deep > 2.0 * STEERING.missed:
+                break
+            drive = fewer
+        return drive
 
     def improved(self, found: Drive) -> Steered:
         """Find the legs of the least time near a drive, with waits for what moves."""
@@ -114,23 +121,24 @@ class Steering:
         return now
 
     def _waiting(self, drive: Drive) -> Iterator[Drive]:
-        """Yield, for each leg, the drive with the shortest wait before it that is clear of what moves, if there is one.
+        """Yield, for each leg, the drive clear of what moves with the shortest wait before it, and the least slower.
 
         A drive that is clear without any is none of them.
         """
         among, legs = replace(drive, zones=self.zones), len(drive.signs)
         if among.deep <= STEERING.missed:
             return
-        for leg in np.flatnonzero(among.longest_waits).tolist():
-            for wait in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried)[1:]:
+        for place in np.flatnonzero(np.concatenate([among.most_slower, among.longest_waits])).tolist():
+            for longer in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried)[1:]:
                 x = drive.x.copy()
-                x[len(x) - legs + leg] = wait
+                x[len(x) - 2 * legs + place] = longer
                 waiting = replace(among, x=x)
                 if waiting.deep <= STEERING.missed:
                     yield waiting
                     break
 
-    def _start(self, manoeuvre: Manoeuvre) -> Drive:
+    def along(self, manoeuvre: Manoeuvre) -> Drive:
+        """Return the drive along a manoeuvre, its curvatures smoothed."""
         each, lengths, signs = [], [], []
         for curvature, driven in manoeuvre.legs:
             ends = np.concatenate([[0.0], np.cumsum(np.abs(driven))])
@@ -142,7 +150,7 @@ class Steering:
             lengths.append(max(ends[-1], STEERING.shortest / self.curvature))
             signs.append(float(np.sign(driven[0])))
         bends = np.clip(np.concatenate(each), -self.curvature, self.curvature)
-        x = np.concatenate([bends, lengths, np.zeros(len(signs))])
+        x = np.concatenate([bends, lengths, np.zeros(2 * len(signs))])
         return Drive(self, x, tuple(signs), manoeuvre.start, self.zones)
 
     def _step(self, now: Drive, trust: float) -> tuple[Array, float] | None:
@@ -150,12 +158,12 @@ class Steering:
         count, legs = len(now.x), len(now.signs)
         scale = now.scale
         goal, clear = now.goal_rows(), now.clear_rows()
-        bends = count - 2 * legs
+        bends = count - 3 * legs
         lower, upper = np.full(count + 2, -trust), np.full(count + 2, trust)
         least = np.concatenate(
-            [np.full(bends, -self.curvature), np.full(legs, STEERING.shortest / self.curvature), np.zeros(legs)]
+            [np.full(bends, -self.curvature), np.full(legs, STEERING.shortest / self.curvature), np.zeros(2 * legs)]
         )
-        most = np.concatenate([np.full(bends, self.curvature), np.full(legs, inf), now.longest_waits])
+        most = np.concatenate([np.full(bends, self.curvature), np.full(legs, inf), now.most_slower, now.longest_waits])
         lower[:count] = np.maximum(lower[:count], (least - now.x) / scale)
         upper[:count] = np.minimum(upper[:count], (most - now.x) / scale)
         lower[count:], upper[count:] = 0.0, 1e6
@@ -184,7 +192,7 @@ class Steering:
 
 @dataclass(frozen=True)
 class Drive:
-    """Curvatures of all pieces, 1/m, lengths of legs, m, and waits before them, s, and all that follows from them."""
+    """Curvatures of all pieces, 1/m, lengths of legs, m, times that they take longer and waits before them, s."""
 
     steering: Steering
     x: Array
@@ -204,30 +212,47 @@ class Drive:
     @cached_property
     def scale(self) -> Array:
         legs = len(self.signs)
-        bends = len(self.x) - 2 * legs
+        bends = len(self.x) - 3 * legs
         return np.concatenate(
-            [np.full(bends, self.steering.curvature), np.full(legs, self.radius), np.full(legs, self.unit)]
+            [np.full(bends, self.steering.curvature), np.full(legs, self.radius), np.full(2 * legs, self.unit)]
         )
 
     @cached_property
     def lengths(self) -> Array:
         legs = len(self.signs)
+        return self.x[-3 * legs : -2 * legs]
+
+    @cached_property
+    def slower(self) -> Array:
+        legs = len(self.signs)
         return self.x[-2 * legs : -legs]
 
     @property
-    def spares_a_leg(self) -> bool:
-        """True if one of several legs is as short as may be, so that another kind of manoeuvre does without it."""
-        return bool(self.lengths.min() <= (1.0 + STEERING.missed) * STEERING.shortest * self.radius)
+    def spare_leg(self) -> int | None:
+        """The shortest of several legs, if that is as short as may be."""
+        short = int(np.argmin(self.lengths))
+        least = (1.0 + STEERING.missed) * STEERING.shortest * self.radius
+        return short if len(self.signs) > 1 and self.lengths[short] <= least else None
+
+    def without(self, leg: int) -> Manoeuvre:
+        """Return the manoeuvre without a leg; what is before and behind that becomes one."""
+        driven, bends = (each.reshape(-1, STEERING.pieces) for each in self._pieces)
+        others = np.arange(len(self.signs)) != leg
+        return Manoeuvre(self.start, bends[others].ravel(), driven[others].ravel(), self.time)
 
     @cached_property
     def waits(self) -> Array:
         return self.x[-len(self.signs) :]
 
     @cached_property
+    def most_slower(self) -> Array:
+        """To drive slower is of use only where something moves."""
+        return np.full(len(self.signs), inf if len(self.zones.moving) else 0.0)
+
+    @cached_property
     def longest_waits(self) -> Array:
         """Waits are of use only where something moves, and from a stand."""
-        moves = len(self.zones.moving) > 0
-        most = np.full(len(self.signs), inf if moves else 0.0)
+        most = self.most_slower.copy()
         if self.steering.scenario.start.speed > 0.0:
             most[0] = 0.0
         return most
@@ -260,10 +285,14 @@ class Drive:
         turning[np.arange(count), length] = each * bends
         turned = np.concatenate([np.zeros((1, len(self.x))), np.cumsum(turning, axis=0)])
         middle = turned[:-1] + 0.5 * turning
-        angle = self.poses[:-1, 2] + 0.5 * steps * bends
+        half = 0.5 * steps * bends
+        angle, chord = self.poses[:-1, 2] + half, steps * np.sinc(half / pi)
         ahead, aside = unit_vectors(angle), np.stack([-np.sin(angle), np.cos(angle)], 1)
-        moved = (steps[:, None] * aside)[:, :, None] * middle[:, None, :]
-        moved[np.arange(count), :, length] += each[:, None] * ahead
+        moved = (chord[:, None] * aside)[:, :, None] * middle[:, None, :]
+        less = np.cos(half) - np.sinc(half / pi)
+        bent = np.where(np.abs(half) < 1e-4, -half / 3.0, less / np.where(half, half, 1.0))
+        moved[np.arange(count), :, np.arange(count)] += (0.5 * steps**2 * bent)[:, None] * ahead
+        moved[np.arange(count), :, length] += (each * np.cos(half))[:, None] * ahead
         places = np.concatenate([np.zeros((1, 2, len(self.x))), np.cumsum(moved, axis=0)])
         return np.concatenate([places, turned[:, None, :]], axis=1)
 
@@ -300,20 +329,25 @@ class Drive:
         return np.concatenate([np.zeros((len(step), 1)), np.cumsum(spent, axis=1)], axis=1)
 
     @cached_property
+    def clock(self) -> Array:
+        """Times at the ends of pieces after the begin of their legs, (legs, n + 1) s."""
+        return self._driven[0] + self.slower[:, None] * np.linspace(0.0, 1.0, STEERING.pieces + 1)
+
+    @cached_property
     def begins(self) -> Array:
         """Times at which the legs begin, s after the start."""
-        spent = self._driven[0][:, -1]
+        spent = self.clock[:, -1]
         return np.cumsum(self.waits) + np.concatenate([[0.0], np.cumsum(spent[:-1])])
 
     @cached_property
     def time(self) -> float:
-        return float(self.begins[-1] + self._driven[0][-1, -1])
+        return float(self.begins[-1] + self.clock[-1, -1])
 
     @cached_property
     def time_gradient(self) -> Array:
         gradient = np.zeros(len(self.x))
         legs = len(self.signs)
-        gradient[-2 * legs : -legs], gradient[-legs:] = self._driven[1][:, -1], 1.0
+        gradient[-3 * legs : -2 * legs], gradient[-2 * legs :] = self._driven[1][:, -1], 1.0
         return gradient
 
     @cached_property
@@ -358,12 +392,15 @@ class Drive:
         """Pieces' ends, times, and gradients of times, of all that has to keep clear: drives and waits, (m, ...)."""
         count, legs = STEERING.pieces, len(self.signs)
         node = (count * np.arange(legs)[:, None] + np.arange(count + 1)).ravel()
-        time = (self.begins[:, None] + self._driven[0]).ravel()
+        time = (self.begins[:, None] + self.clock).ravel()
         slope = np.zeros((legs, count + 1, len(self.x)))
+        lengths, slower, waits = (len(self.x) - k * legs for k in (3, 2, 1))
         for leg in range(legs):
-            slope[leg, :, -legs : len(self.x) - legs + leg + 1] = 1.0
-            slope[leg, :, -2 * legs : len(self.x) - 2 * legs + leg] = self._driven[1][:leg, -1]
-            slope[leg, :, len(self.x) - 2 * legs + leg] = self._driven[1][leg]
+            slope[leg, :, waits : waits + leg + 1] = 1.0
+            slope[leg, :, slower : slower + leg] = 1.0
+            slope[leg, :, slower + leg] = np.linspace(0.0, 1.0, count + 1)
+            slope[leg, :, lengths : lengths + leg] = self._driven[1][:leg, -1]
+            slope[leg, :, lengths + leg] = self._driven[1][leg]
         flat = slope.reshape(-1, len(self.x))
         if self.longest_waits.max() > 0.0:
             shares = np.linspace(0.0, 1.0, STEERING.waits, endpoint=False)
@@ -429,10 +466,10 @@ class Drive:
 
     def steered(self) -> Steered:
         """Return the legs."""
-        spent = self._driven[0][:, -1]
+        spent = self.clock[:, -1]
         count = STEERING.pieces
         legs = tuple(
-            SteeredLeg(sign < 0.0, self.poses[k * count : (k + 1) * count + 1], float(wait), float(time))
+            SteeredLeg(sign < 0.0, self.poses[k * count : (k + 1) * count + 1], max(float(wait), 0.0), float(time))
             for k, (sign, wait, time) in enumerate(zip(self.signs, self.waits, spent, strict=True))
         )
         return Steered(legs, self.time, max(self.missed, self.deep))
