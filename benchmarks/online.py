@@ -5,6 +5,7 @@
     python -m benchmarks.online levels      the same at other levels: the price of safety
     python -m benchmarks.online crowds      through recorded crowds, beside two simpler ways to drive
     python -m benchmarks.online noticing    obstacles and sensors that are not what they are taken for
+    python -m benchmarks.online margins     what a margin of obstacles costs in time and spares in contacts
     python -m benchmarks.online regions     how often the truth is in its region, among them and in recordings
     python -m benchmarks.online answers     how soon a change of acceleration is answered, beside the best of all tests
     python -m benchmarks.online faults      solvers that fail, observations that vanish, jump, come late or twice
@@ -46,6 +47,7 @@ LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)
 LEVEL = 0.99
 LOOP_FAMILIES = ("crossing5", "crossing10")
 NOISE = (0.05, 0.3)  # m, the range that the noise of a run is drawn from
+MARGINS = (0.0, 0.02, 0.05, 0.1, 0.2)  # m
 SAVED_EVERY = 2.0  # s: rows of short runs together, one of a long run at once
 
 
@@ -326,9 +328,14 @@ def crowd_table(rows: Sequence[Row]) -> str:
 _SCENES = lru_cache(maxsize=4)(true_scene)  # families of runs share them
 
 
+def _scene(seed: int, margin: float) -> tuple[sp.Scenario, float]:
+    scenario, truth = _SCENES(LOOP_FAMILIES[seed % len(LOOP_FAMILIES)], seed)
+    wider = tuple(each.model_copy(update={"margin": each.margin + margin}) for each in scenario.obstacles)
+    return scenario.model_copy(update={"obstacles": wider}), truth
+
+
 def _noticed(row: Row) -> Row:
-    scene = LOOP_FAMILIES[int(row["seed"]) % len(LOOP_FAMILIES)]
-    return {**row, **online_noticing.drive(row, lambda seed: _SCENES(scene, seed))}
+    return {**row, **online_noticing.drive(row, lambda seed: _scene(seed, float(row.get("margin", 0.0))))}
 
 
 def _told(row: Row) -> Row:
@@ -353,6 +360,26 @@ def noticing(options: argparse.Namespace) -> int:
             running = {(row["family"], row["seed"]): pool.submit(_noticed, row) for row in ledger.missing(wanted)}
             rows = ledger.fill(wanted, lambda row: _told(running[row["family"], row["seed"]].result()))
     sys.stdout.write(loop_table(rows) + "\n")
+    return 0
+
+
+def margins(options: argparse.Namespace) -> int:
+    """The same with margins of obstacles, m, where nothing and where something unexpected happens."""
+    ledger = Ledger(options.output / "online-margins.csv", ("family", "margin", "seed"), options.fresh)
+    wanted = [
+        {"family": family, "margin": margin, "seed": seed}
+        for seed in range(options.seed, options.seed + options.count)
+        for family in ("nominal", "change0.3")
+        for margin in MARGINS
+    ]
+    rows = ledger.fill(wanted, lambda row: _told(_noticed(row)))
+    headings = ["family", "margin, m", *LOOP_HEADINGS, "deepest contact while driving, m"]
+    table = []
+    for (family, some), margin in itertools.product(by(rows, "family")[:-1], MARGINS):
+        chosen = [row for row in some if float(row["margin"]) == margin]
+        deepest = max((-float(row["least_clearance"]) for row in chosen if int(row["contact"])), default=0.0)
+        table.append([family, f"{margin:g}", *loop_cells(chosen), common.number(deepest, 2)])
+    sys.stdout.write(common.table(headings, table) + "\n")
     return 0
 
 
@@ -414,7 +441,8 @@ def answers(options: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 12, answers: 25, faults: 500}
+    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, margins: 100, regions: 12}
+    counts |= {answers: 25, faults: 500}
     for command, count in counts.items():
         sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0].replace("%", "%%"))
         sub.set_defaults(run=command)

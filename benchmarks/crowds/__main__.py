@@ -66,11 +66,13 @@ def crossing(options: argparse.Namespace) -> int:
 
 def through_recordings(options: argparse.Namespace) -> int:
     """Scenes of recorded people."""
-    keys = ("place", "number", "profile", "beginning")
+    keys = ("place", "number", "profile", "beginning", "times")
     ledger = Ledger(options.output / "crowds-recorded.csv", keys, options.fresh)
     there = {place: recorded.scenes(tracks) for place, tracks in recordings(options.tracks, options.places).items()}
+    if options.times == recorded.Times.FCP:
+        there = {place: len(recorded.FCP_BEGINNINGS[place]) for place in there}
     wanted = [
-        dict(zip(keys, (place, number, options.profile, options.beginning), strict=True))
+        dict(zip(keys, (place, number, options.profile, options.beginning, options.times), strict=True))
         for number in range(options.seed, options.seed + options.count)
         for place in options.places
         if number < there[place]
@@ -81,9 +83,9 @@ def through_recordings(options: argparse.Namespace) -> int:
     if not wanted:
         raise common.MissingDataError(f"no scenes from {options.seed} on")
     rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
-    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED}\n")
+    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED[recorded.Times(options.times)]}\n")
     if options.json:
-        asked = {"protocol": "recorded", "profile": options.profile, "beginning": options.beginning}
+        asked = {"protocol": "recorded", **{key: wanted[0][key] for key in keys[2:]}}
         facts = {**asked, **recorded.summary(rows)}
         common.write_text(options.json, json.dumps(facts, indent=1) + "\n")
     common.write_environment(options.output / "crowds-environment.csv", common.environment())
@@ -109,6 +111,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     places = tuple(recorded.PLACES)
     beginnings = tuple(str(each) for each in recorded.Beginning)
     sub.add_argument("--beginning", choices=beginnings, default=beginnings[0], help="whether people walk in first")
+    whose = tuple(str(each) for each in recorded.Times)
+    sub.add_argument("--times", choices=whose, default=whose[0], help="at which their scenes begin")
     sub.add_argument("--places", nargs="+", choices=places, default=places, help="default: all")
     for name, sub in commands.choices.items():
         count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")

@@ -13,6 +13,10 @@ Taken as they were recorded (`Beginning.AS_RECORDED`), people appear in the midd
 robot, and stand where it is put: no robot can answer that. So unless that is asked for (`Beginning.UNTOUCHED`), each
 walks in for some seconds, straight, as in `benchmarks.online_crowds`, and the robot sets off at the first step at which
 nobody touches it, nor did a moment ago, nor will at the next steps if it stands.
+
+J. Shin, Y. Ra and I. Yang, *From prediction uncertainty to conformalized distance fields for safe motion planning*
+(arXiv:2607.00776, 2026), drive the same trips at other times (`Times.FCP`), with 300 steps in the university. Their
+data of ETH take ten frames for a step, of which fifteen were recorded in a second: people walk 1.67 times as fast.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from itertools import count, product
 from typing import Any
 
@@ -70,6 +75,19 @@ SOON = 2
 any more is remembered for a while."""
 
 
+class Times(StrEnum):
+    """Whose scenes are driven."""
+
+    ECP = "ecp-mpc"
+    FCP = "fcp-mpc"
+
+
+FCP_BEGINNINGS = {"eth": (732, 339, 653), "hotel": (1001, 1245, 1582), "univ": (40, 140, 240)}
+FCP_MOST_STEPS = {"univ": 300}
+FCP_PACE = {"eth": 6.0 / 10.0}
+"""Of the times between their positions, those between the recorded ones."""
+
+
 class Beginning(StrEnum):
     """How people and the robot come to be where they are."""
 
@@ -110,11 +128,28 @@ def scenes(tracks: Tracks) -> int:
     return max((steps - MOST_STEPS - BEGINNINGS[0]) // (BEGINNINGS[1] - BEGINNINGS[0]) + 1, 0)
 
 
-def scene(place: str, tracks: Tracks, number: int, beginning: Beginning = Beginning.UNTOUCHED) -> Scene:
+def most_steps(place: str, times: Times) -> int:
+    """With those for which the robot stands."""
+    return FCP_MOST_STEPS.get(place, MOST_STEPS) if times is Times.FCP else MOST_STEPS
+
+
+@cache
+def paced(place: str, tracks: Tracks, times: Times) -> Tracks:
+    """The tracks of a place at the pace that they have there."""
+    pace = FCP_PACE.get(place, 1.0) if times is Times.FCP else 1.0
+    return tracks if pace == 1.0 else Tracks([replace(track, times=pace * track.times) for track in tracks])
+
+
+def scene(
+    place: str, tracks: Tracks, number: int, beginning: Beginning = Beginning.UNTOUCHED, times: Times = Times.ECP
+) -> Scene:
     """The scene of a place that begins at a step of its recording."""
-    where = PLACES[place]
+    where, tracks = PLACES[place], paced(place, tracks, times)
     put = BEGINNINGS[0] + number * (BEGINNINGS[1] - BEGINNINGS[0])
-    start, end = (tracks.start + (put + steps) * STEP for steps in (WAITING, WAITING + 2 * MOST_STEPS))
+    if times is Times.FCP:
+        put = FCP_BEGINNINGS[place][number]
+    length = 2 * most_steps(place, times)
+    start, end = (tracks.start + (put + steps) * STEP for steps in (WAITING, WAITING + length))
     some = [t for t in tracks if len(t) > 1 and t.times[-1] > start - WAITING * STEP and t.times[0] < end]
     if beginning is Beginning.UNTOUCHED:
         some = [led_in(track) for track in some]
@@ -147,9 +182,12 @@ def run(row: Row, folder: str | None = None) -> Row:
     """One scene; the row says which."""
     from benchmarks.crowds.profiles import profile
 
-    tracks = recordings(folder, [row["place"]])[row["place"]]
-    drawn = scene(row["place"], tracks, int(row["number"]), Beginning(row["beginning"]))
-    online, _ = profile(str(row["profile"]))
+    place, times = row["place"], Times(row["times"])
+    tracks = recordings(folder, [place])[place]
+    drawn = scene(place, tracks, int(row["number"]), Beginning(row["beginning"]), times)
+    online, model = profile(str(row["profile"]))
+    if online is None:
+        model = sp.Model(order=1, process=fitted_model(paced(place, tracks, times)))
     done = simulate(
         drawn.scenario,
         seed=int(row["number"]),
@@ -158,9 +196,9 @@ def run(row: Row, folder: str | None = None) -> Row:
         shapes=drawn.shapes,
         sensors=[Sensor(rate=1.0 / STEP, noise=0.0)],
         history=WAITING * STEP,
-        model=sp.Model(order=1, process=fitted_model(tracks)),
+        model=model,
         online=online or among_recorded_people(),
-        time_limit=(MOST_STEPS - WAITING) * STEP,
+        time_limit=(most_steps(place, times) - WAITING) * STEP,
     )
     return written(done)
 
@@ -211,6 +249,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 HEADINGS = [
     "place",
+    "times",
     "beginning",
     "scenes",
     "arrived, %",
@@ -227,16 +266,18 @@ HEADINGS = [
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line for each place, and one for all, for each beginning."""
+    """A line for each place, and one for all, for each list of scenes and beginning."""
     lines = []
-    for beginning, name in product(Beginning, (*PLACES, "all")):
-        some = [row for row in rows if row["beginning"] == beginning and name in ("all", row["place"])]
+    for times, beginning, name in product(Times, Beginning, (*PLACES, "all")):
+        as_asked = [row for row in rows if (row["times"], row["beginning"]) == (times, beginning)]
+        some = [row for row in as_asked if name in ("all", row["place"])]
         if not some:
             continue
         facts = summary(some)
         lines.append(
             [
                 name,
+                times,
                 beginning,
                 len(some),
                 *(common.number(100.0 * facts[key], 1) for key in ("arrived", "collision_steps")),
@@ -250,7 +291,15 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return common.table(HEADINGS, lines)
 
 
-PUBLISHED = "published (ECP-MPC, nine scenes): 6.9 % of steps within 1.107 m, 55 steps to the exit, 15 % infeasible"
+PUBLISHED = {
+    Times.ECP: "published (ECP-MPC, nine scenes): 6.9 % of steps within 1.107 m, 55 steps to the exit, 15 % infeasible",
+    Times.FCP: (
+        "published (repository of FCP-MPC, June 2026; three scenes each): steps within 1.107 m, infeasible, %, steps\n"
+        "to the goal: eth: ECP-MPC 4.7, 23.9, never; FCP-MPC hard 5.7, 70.0, 84, soft 17.5, -, 41; CC 3.6, -, 97\n"
+        "hotel: ECP-MPC 2.0, 21.3, 86; FCP-MPC hard 6.8, 35.7, 80, soft 4.5, -, 36; CC 4.9, -, 99\n"
+        "univ: ECP-MPC 29.2, 66.4, never; FCP-MPC hard 20.4, 57.9, 283, soft 17.4, -, 92; CC 6.8, -, never"
+    ),
+}
 
 
 def section(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
@@ -259,4 +308,4 @@ def section(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
         "A robot of 0.4 m radius at 0.8 m/s, with steps of 0.4 s, of which it stands for the first 15, among people "
         "who were recorded and do not react. Means over scenes."
     )
-    return [f"## {title.capitalize()}", text, table(rows), f"{PUBLISHED.capitalize()}."]
+    return [f"## {title.capitalize()}", text, table(rows), f"{PUBLISHED[Times.ECP].capitalize()}."]
