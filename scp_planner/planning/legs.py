@@ -34,7 +34,8 @@ logger = logging.getLogger(__name__)
 class LegSettings:
     """Switching poses that leave room for trips between them, and delays of legs."""
 
-    shares: tuple[float, ...] = (0.99, 0.97, 0.93)  # of the largest curvature, one after the other
+    # Of the largest curvature, and radii kept from what moves besides, one after the other
+    shares: tuple[tuple[float, float], ...] = ((0.99, 0.0), (0.97, 0.01), (0.93, 0.02))
     room: float = 1e-3  # radii, kept from all that is
     delays: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of a leg's time, before it sets out
     corners: int = 8  # pieces of a leg's guide
@@ -68,6 +69,16 @@ def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None
     began = perf_counter()
     search = LegSearch(scenario, plan_one, inf if time_limit is None else began + time_limit)
     return replace(search.run(), planned=search.scenario, wall_time=perf_counter() - began)
+
+
+def _distinct(drives: Sequence[Drive]) -> list[Drive]:
+    """Return drives, the fastest first, that are not alike."""
+    found = list[Drive]()
+    for drive in sorted(drives, key=lambda each: each.time):
+        alike = (each.time >= (1.0 - LEGS.same) * drive.time for each in found if each.signs == drive.signs)
+        if not any(alike):
+            found.append(drive)
+    return found
 
 
 def _guides(places: Array) -> list[Array]:
@@ -143,26 +154,29 @@ class LegSearch:
             kinds += [each.kind for each in manoeuvres]
 
     def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> None:
-        """Plan the legs of manoeuvres, the fastest first, until other ones can gain little."""
-        for share in LEGS.shares:
-            steering = Steering(self.inside, self.batch, self.radius, share * self.curvature)
-            drives = list[Drive]()
-            for each in manoeuvres:
-                drives.append(steering.among_standing(each))
-            each_kind = dict[tuple[float, ...], Drive]()
-            for drive in sorted(drives, key=lambda each: each.time):
-                each_kind.setdefault(drive.signs, drive)
-            for drive in each_kind.values():
-                known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
-                if perf_counter() > self.deadline or drive.time >= known:
-                    break
-                legs = steering.improved(drive)
-                if legs.good and legs.time < known:
-                    self._keep(self._planned(legs))
-                if drive.missed + drive.deep <= 2.0 * STEERING.missed:
-                    self.least = min(self.least, drive.time * self.units.time)
+        """Plan the legs of manoeuvres; with the legs that they can spare only if nothing is found without them."""
+        for share, passing in LEGS.shares:
+            batch, radius = self.batch, self.batch.radius.copy()
+            radius[batch.moving] += passing / self.curvature
+            steering = Steering(self.inside, replace(batch, radius=radius), self.radius, share * self.curvature)
+            drives = [steering.among_standing(each) for each in manoeuvres]
+            self._plan_drives(steering, [each[-1] for each in drives])
+            if self.best is None:
+                self._plan_drives(steering, [one for each in drives for one in each[:-1]])
             if self._good_enough:
                 break
+
+    def _plan_drives(self, steering: Steering, drives: Sequence[Drive]) -> None:
+        """Plan the legs of drives, the fastest first, until other ones can gain little."""
+        for drive in _distinct(drives):
+            known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
+            if perf_counter() > self.deadline or drive.time >= known:
+                break
+            legs = steering.improved(drive)
+            if legs.good and legs.time < known:
+                self._keep(self._planned(legs))
+            if drive.missed + drive.deep <= 2.0 * STEERING.missed:
+                self.least = min(self.least, drive.time * self.units.time)
 
     @property
     def _good_enough(self) -> bool:
@@ -186,13 +200,20 @@ class LegSearch:
             self.best = made
 
     def _planned(self, steered: Steered) -> Plan | None:
+        """Plan legs that set out as soon as may be, or else as late as they are known to be clear."""
+        made = self._one_by_one(steered, held=False)
+        if (made is None or not made.certified) and any(leg.slack > 0.0 for leg in steered.legs):
+            return self._one_by_one(steered, held=True) or made
+        return made
+
+    def _one_by_one(self, steered: Steered, held: bool) -> Plan | None:
         """Plan legs one after the other, each from where and when the one before it ends."""
         scenario, legs, plans, time = self.scenario, list[Leg](), list[Plan](), self.scenario.start.time
         last = len(steered.legs) - 1
         for number, leg in enumerate(steered.legs):
             start = scenario.start if number == 0 else self._end(scenario.start, leg.poses[0])
             goal = scenario.goal if number == last else self._end(_ANYWHEN, leg.poses[-1])
-            made = self._leg(leg, start, goal, time)
+            made = self._leg(leg, start, goal, time, held)
             if made is None:
                 return None
             plans.append(made)
@@ -222,12 +243,12 @@ class LegSearch:
         )
         return made.verified(self.scenario, threat_zones=self.zones)
 
-    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float) -> Plan | None:
-        """Plan a leg that sets out at a time, s, slower, or later if it is not clear then: whichever arrives first."""
+    def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float, held: bool) -> Plan | None:
+        """Plan a leg that sets out at a time, s, or later if it is not clear then: whichever arrives first."""
         moving = {self.batch.ids[number] for number in self.batch.moving}
-        at_once = self._from(leg, changed(start, time=time), goal) if leg.wait > 0.0 else None
+        at_once = self._from(leg, changed(start, time=time), goal) if leg.wait > 0.0 and not held else None
         for delay in LEGS.delays:
-            begin = time + (leg.wait + delay * leg.time) * self.units.time
+            begin = time + ((leg.slack if held else leg.wait) + delay * leg.time) * self.units.time
             made = self._from(leg, changed(start, time=begin), goal)
             touched = made.clearance.minimum < self.room * self.units.length and made.clearance.obstacle in moving
             if made.certified or not touched or start.speed > 0.0 or perf_counter() > self.deadline:

@@ -56,7 +56,8 @@ class SteeredLeg:
     backward: bool
     poses: Array  # (n + 1, 3): x and y, m, and heading of the vehicle, rad
     wait: float  # s, before it
-    time: float  # s, about, that it takes
+    slack: float  # s, that and by how much longer it takes than at top speed
+    time: float  # s, about, that it takes at top speed
 
 
 @dataclass(frozen=True)
@@ -80,16 +81,16 @@ class Steering:
         self.scenario, self.zones, self.radius, self.curvature = scenario, zones, radius, curvature
         self.solver = solver_named("daqp")
 
-    def among_standing(self, manoeuvre: Manoeuvre) -> Drive:
-        """Find the drive of the least time near a manoeuvre, among what stands, without legs that it can spare."""
+    def among_standing(self, manoeuvre: Manoeuvre) -> list[Drive]:
+        """Find the drives of the least time near a manoeuvre, among what stands, each with one spare leg fewer."""
         standing = self.zones.subset(self.zones.standing)
-        drive = self._improved(self.along(manoeuvre), standing)
-        while (short := drive.spare_leg) is not None:
-            fewer = self._improved(self.along(drive.without(short)), standing)
+        drives = [self._improved(self.along(manoeuvre), standing)]
+        while (short := drives[-1].spare_leg) is not None:
+            fewer = self._improved(self.along(drives[-1].without(short)), standing)
             if fewer.missed + fewer.deep > 2.0 * STEERING.missed:
                 break
-            drive = fewer
-        return drive
+            drives.append(fewer)
+        return drives
 
     def improved(self, found: Drive) -> Steered:
         """Find the legs of the least time near a drive, with waits for what moves."""
@@ -466,10 +467,10 @@ class Drive:
 
     def steered(self) -> Steered:
         """Return the legs."""
-        spent = self.clock[:, -1]
-        count = STEERING.pieces
+        spent, waits, count = self._driven[0][:, -1], np.maximum(self.waits, 0.0), STEERING.pieces
+        slack = waits + np.maximum(self.slower, 0.0)
         legs = tuple(
-            SteeredLeg(sign < 0.0, self.poses[k * count : (k + 1) * count + 1], max(float(wait), 0.0), float(time))
-            for k, (sign, wait, time) in enumerate(zip(self.signs, self.waits, spent, strict=True))
+            SteeredLeg(sign < 0.0, self.poses[k * count : (k + 1) * count + 1], *map(float, times))
+            for k, (sign, *times) in enumerate(zip(self.signs, waits, slack, spent, strict=True))
         )
         return Steered(legs, self.time, max(self.missed, self.deep))

@@ -62,11 +62,11 @@ def least_room(run: sp.Run) -> float:
 
 @pytest.mark.parametrize("walker", [False, True])
 def test_parks_backwards_in_closed_loop(walker: bool) -> None:
-    run = sp.simulate(parking(walker), noise=0.05, rate=10.0, seed=3)
+    run = sp.simulate(parking(walker), noise=0.05, rate=10.0, seed=1)
     assert run.arrived and not run.contact and not run.contact_standing
     assert least_room(run) > -1e-4
     assert all(record.safe for record in run.records)
-    assert run.travel_time < (1.6 if walker else 1.05) * sp.plan(parking(walker)).travel_time
+    assert run.travel_time < (1.2 if walker else 1.05) * sp.plan(parking(walker)).travel_time
     # It drives as it heads: against it where the reported speed is negative
     ahead = np.stack([np.cos(run.heading), np.sin(run.heading)], axis=1)[1:-1]
     along = (ahead * (run.position[2:] - run.position[:-2])).sum(axis=1) / (run.time[2:] - run.time[:-2])

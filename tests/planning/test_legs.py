@@ -198,6 +198,28 @@ def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
     assert begins == {0.0}
 
 
+def test_a_leg_is_held_back_where_somebody_comes_between_two() -> None:
+    walks = {"id": "walker", "shape": {"disc": 0.3}, "motion": {"position": [-4.85, -2.24], "velocity": [1.05, 0.67]}}
+    scenario = sp.Scenario(
+        name="perpendicular",
+        vehicle=CAR,
+        start={"time": 0.0, "position": [-4.25, 3.48], "heading": -0.14, "speed": 0.0},
+        goal={"position": [0.0, -3.8], "heading": pi / 2, "speed": 0.0},
+        walls=[box(-12, -6, -1.35, 0), box(1.35, -6, 12, 0)],
+        bounds={"min": [-12, -6], "max": [12, 5.72]},
+        obstacles=[walks],
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified and plan.legs is not None
+    check_densely(scenario, plan)
+    times = np.linspace(plan.start_time, plan.arrival_time, 2001)
+    walker = np.array([-4.85, -2.24]) + times[:, None] * [1.05, 0.67]
+    heading = plan.heading(times)
+    for offset in scenario.vehicle.discs:
+        disc = plan.position(times) + offset * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        assert np.hypot(*(disc - walker).T).min() > scenario.vehicle.radius + 0.3 - 1e-6
+
+
 def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
     start = {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 0.0}
     shut = [box(3, -1, 3.2, 1), box(5, -1, 5.2, 1), box(3, 1, 5.2, 1.2), box(3, -1.2, 5.2, -1)]

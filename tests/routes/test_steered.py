@@ -67,22 +67,23 @@ def test_clearances_times_and_poses_have_the_derivatives_of_differences(variable
 
 def test_a_leg_that_is_not_needed_is_left_out() -> None:
     steering = steering_to((6.0, 0.5), 0.0)
-    drive = steering.among_standing(manoeuvre((0.05, 3.2), (0.0, -0.2), (-0.05, 3.2)))
-    assert drive.signs == (1.0,)
+    with_all, drive = steering.among_standing(manoeuvre((0.05, 3.2), (0.0, -0.2), (-0.05, 3.2)))
+    (alone,) = steering.among_standing(manoeuvre((0.02, 3.0), (-0.02, 3.0)))
+    assert with_all.signs == (1.0, -1.0, 1.0) and drive.signs == (1.0,)
     assert drive.missed <= STEERING.missed
-    assert drive.time == pytest.approx(steering.among_standing(manoeuvre((0.02, 3.0), (-0.02, 3.0))).time, rel=1e-3)
+    assert drive.time == pytest.approx(alone.time, rel=1e-3)
 
 
 def test_a_leg_that_is_needed_stays() -> None:
     # beside the start, with the same heading: no way ahead alone is shorter than two turns
     steering = steering_to((0.0, 0.8), 0.0)
-    drive = steering.among_standing(manoeuvre((0.3, 2.0), (-0.3, -2.0)))
+    (drive,) = steering.among_standing(manoeuvre((0.3, 2.0), (-0.3, -2.0)))
     assert drive.signs == (1.0, -1.0) and drive.missed <= STEERING.missed
 
 
 def test_a_leg_is_driven_slower_or_waited_before_to_let_somebody_pass() -> None:
     steering = steering_to((6.0, 0.0), 0.0, walker=True)
-    among_standing = steering.among_standing(manoeuvre((0.0, 6.0)))
+    (among_standing,) = steering.among_standing(manoeuvre((0.0, 6.0)))
     steered = steering.improved(among_standing)
     assert steered.good and replace(among_standing, zones=steering.zones).deep > 0.1
     assert among_standing.time < steered.time < among_standing.time + 3.0
