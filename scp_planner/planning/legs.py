@@ -71,13 +71,14 @@ def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None
     return replace(search.run(), planned=search.scenario, wall_time=perf_counter() - began)
 
 
-def _distinct(drives: Sequence[Drive]) -> list[Drive]:
-    """Return drives, the fastest first, that are not alike."""
+def _others(drives: Sequence[Drive], tried: list[Drive]) -> list[Drive]:
+    """Return drives that are not like any that was tried, the fastest first, and count them as tried."""
     found = list[Drive]()
     for drive in sorted(drives, key=lambda each: each.time):
-        alike = (each.time >= (1.0 - LEGS.same) * drive.time for each in found if each.signs == drive.signs)
-        if not any(alike):
+        alike = [each.time for each in tried if each.signs == drive.signs]
+        if not any(abs(time - drive.time) <= LEGS.same * drive.time for time in alike):
             found.append(drive)
+            tried.append(drive)
     return found
 
 
@@ -122,6 +123,7 @@ class LegSearch:
         self.iterations = 0
         self.best: Plan | None = None
         self.least = inf  # s that a manoeuvre takes among what stands alone
+        self._tried: dict[float, list[Drive]] = {}  # by the share of the largest curvature
 
     @property
     def left(self) -> float | None:
@@ -160,15 +162,16 @@ class LegSearch:
             radius[batch.moving] += passing / self.curvature
             steering = Steering(self.inside, replace(batch, radius=radius), self.radius, share * self.curvature)
             drives = [steering.among_standing(each) for each in manoeuvres]
-            self._plan_drives(steering, [each[-1] for each in drives])
+            tried = self._tried.setdefault(share, [])
+            self._plan_drives(steering, _others([each[-1] for each in drives], tried))
             if self.best is None:
-                self._plan_drives(steering, [one for each in drives for one in each[:-1]])
+                self._plan_drives(steering, _others([one for each in drives for one in each[:-1]], tried))
             if self._good_enough:
                 break
 
     def _plan_drives(self, steering: Steering, drives: Sequence[Drive]) -> None:
         """Plan the legs of drives, the fastest first, until other ones can gain little."""
-        for drive in _distinct(drives):
+        for drive in drives:
             known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
             if perf_counter() > self.deadline or drive.time >= known:
                 break
