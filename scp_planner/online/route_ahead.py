@@ -7,7 +7,6 @@ is driven, as long as it can be left for a certified stop, until there is a rout
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -141,13 +140,10 @@ class RouteAhead:
         scene = now.moment.scenario
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
         if not self.guides:
-            return partial(_planned_on, changed(fixed(scene), guide=self.asked.guide and scene.guide), zones)
+            scene = changed(fixed(scene), guide=self.asked.guide and scene.guide)
+            return partial(_planned_on, scene, zones, thorough=self._stuck)
         scene = changed(scene, guide=None)
-        return partial(_route_round, scene, zones, means.settings, within, self._stuck, self._plans_whole(now))
-
-    def _plans_whole(self, now: Replan) -> bool:
-        """True if a whole trip is due: without a deadline the search for ways in one replan does as much."""
-        return self._stuck and math.isfinite(now.deadline)
+        return partial(_route_round, scene, zones, means.settings, within, self._stuck)
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:  # noqa: ARG002
         """Plan along a route that was found from now on; return True if that changes the scene."""
@@ -191,7 +187,7 @@ class MapRouteAhead(RouteAhead):
 
     def _searching(self, now: Replan, means: Means, within: float) -> Callable[[], FoundRoutes | Reason | None]:
         scene = self._scene_at(now.moment.state, means)
-        plan = means.planned_along if self._plans_whole(now) else None
+        plan = means.planned_along if self._stuck else None
         return partial(_routes, scene, self.map, _that_stand(now, means), within, plan, _driven(now))
 
     def _take(self, found: FoundRoutes | Reason | None, now: Replan, means: Means) -> bool:
@@ -234,11 +230,10 @@ def _route_round(
     settings: SceneSettings,
     within: float,
     stuck: bool,
-    anyhow: bool,
 ) -> FoundRoutes | None:
     """Find the fastest way round what stands, if the straight guide does not do; None if it takes longer, s.
 
-    A trip is planned along it; with ``anyhow`` along the straight guide, too.
+    A trip is planned along it; if the vehicle is stuck along the straight guide, too.
     """
     frame = PlanningFrame.between(scene.start.position, scene.goal.position, scene.start.time)
     limits = Limits.of(scene, settings.limit_margin).rounded()
@@ -248,19 +243,19 @@ def _route_round(
         with suppress(TooLargeError):
             route = next(roadmap.routes(), None)
     if route is None or route.straight:
-        return _planned_on(scene, zones) if anyhow else FoundRoutes([], [])
+        return _planned_on(scene, zones, thorough=True) if stuck else FoundRoutes([], [])
     pause()
     if route.least_time > within:
         return None
-    found = _planned_on(scene, zones)
+    found = _planned_on(scene, zones, thorough=stuck)
     if found.plan is None or (found.plan.trip.trajectory.space.guide.straight and not stuck):
         return found
     return replace(found, lines=[np.array(_guide_along(_ahead(found.plan.trip, scene.start), scene))])
 
 
-def _planned_on(scene: Scenario, zones: tuple[ThreatZone, ...]) -> FoundRoutes:
+def _planned_on(scene: Scenario, zones: tuple[ThreatZone, ...], thorough: bool) -> FoundRoutes:
     """Plan a whole trip among what stands."""
-    plan = planned(scene, thorough=False, threat_zones=zones)
+    plan = planned(scene, thorough=thorough, threat_zones=zones)
     return FoundRoutes([], [], plan if plan.certified else None)
 
 

@@ -28,6 +28,7 @@ class FirstFit:
     drive_smoothing: float = 1e-2  # m^2 per (m/s^2)^2
     missed: float = 0.02  # of the path, by which a drive may miss its end
     slower: tuple[float, ...] = (1.1, 1.25, 1.4, 1.6, 1.8, 2.0, 2.5)  # times a way's times, one after the other
+    crawling: float = 1e-3  # of the top speed: who is no faster at the start does not go on like that
 
 
 FIT = FirstFit()
@@ -147,6 +148,6 @@ def arcs(problem: Problem) -> Iterator[Trajectory]:
             theta = ends.around(np.clip(height * shape, ends.lower, ends.upper)[ends.free])
             beta = np.zeros(space.acceleration_size)
             beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
-            if space.start_speed == 0.0:
+            if space.start_speed <= FIT.crawling * problem.limits.speed:
                 beta[:] = np.maximum(beta, 0.05 * problem.limits.acceleration)
             yield Trajectory.of(space, theta, beta)

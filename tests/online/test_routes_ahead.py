@@ -97,3 +97,25 @@ def test_what_is_driven_without_time_keeps_to_the_limit_of_a_place() -> None:
     plan = sp.Planner(limited(1.0, 1.0)).replan(0.0, (0.0, 0.0), 0.0, 1.0, deadline=1e-9)
     assert plan.safe
     assert plan.speed(np.linspace(0.0, plan.arrival_time, 50)).max() <= 1.0 + 1e-9
+
+
+def test_who_had_to_stop_before_its_goal_sets_out_again() -> None:
+    """A turn that is nearly as tight as may be: no trip over the straight guide makes it."""
+    vehicle = {"radius": RADIUS, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0}
+    scenario = sp.Scenario(
+        vehicle={**vehicle, "max_curvature": 1.0, "max_lateral_acceleration": 2.0},
+        start={"time": 0.0, "position": (21.23465, 0.44402), "heading": 2.79293, "speed": 0.0},
+        goal={"position": (20.0, 0.0)},
+    )
+    planner, time = sp.Planner(scenario, online=sp.OnlineSettings(period=0.1)), 0.0
+    place, heading, speed = np.array(scenario.start.position), 2.79293, 0.0
+    for cycle in range(100):
+        plan = planner.replan(time, place, heading, speed)
+        assert plan.safe
+        if plan.arrived:
+            break
+        time = round(time + 0.1, 6)
+        if cycle >= 20:  # before, it is held
+            place, heading, speed = plan.position(time), float(plan.heading(time)), float(plan.speed(time))
+    assert plan.arrived
+    assert time < 2.0 + 0.5 + 2.0 * sp.plan(scenario).travel_time

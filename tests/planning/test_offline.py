@@ -34,6 +34,21 @@ def test_a_closed_wall_of_discs_is_explained() -> None:
     assert plan.reason is not None and "clearance to w" in plan.reason
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_start_that_hardly_moves_is_one_at_rest() -> None:
+    # Round the tightest turn, which only arcs lead to
+    start = {"time": 0.0, "position": (21.23465, 0.44402), "heading": 2.79293, "speed": 0.0}
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "max_curvature": 1.0}
+    vehicle["max_lateral_acceleration"] = 2.0
+    times = []
+    for speed in (0.0, 5e-324, 1e-160, 1e-9):
+        scenario = sp.Scenario(vehicle=vehicle, start={**start, "speed": speed}, goal={"position": (20.0, 0.0)})
+        plan = sp.plan(scenario)
+        assert plan.certified
+        times.append(plan.travel_time)
+    assert times[1:] == pytest.approx([times[0]] * 3, rel=1e-6)
+
+
 def test_a_disc_that_must_be_waited_for_is_waited_for() -> None:
     # It drives ahead in a corridor that is too narrow to pass it.
     scenario = scene(
