@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-from math import sqrt
+from dataclasses import astuple, dataclass, replace
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -33,6 +33,19 @@ class Limits:
             vehicle.max_deceleration * keep,
             np.inf if vehicle.max_lateral_acceleration is None else vehicle.max_lateral_acceleration * keep,
             np.inf if vehicle.max_curvature is None else vehicle.max_curvature * keep,
+        )
+
+    def both_within(self, total: float | None) -> Limits:
+        """Return limits in the same proportions within which accelerations along and across keep a total one, m/s2."""
+        if total is None:
+            return self
+        along, across = max(self.acceleration, self.deceleration), min(self.lateral_acceleration, total)
+        share = min(1.0, total / hypot(along, across))
+        return replace(
+            self,
+            acceleration=share * self.acceleration,
+            deceleration=share * self.deceleration,
+            lateral_acceleration=share * across,
         )
 
     def rounded(self) -> Limits:
