@@ -68,9 +68,8 @@ def through_recordings(options: argparse.Namespace) -> int:
     """Scenes of recorded people."""
     keys = ("place", "number", "profile", "beginning", "times")
     ledger = Ledger(options.output / "crowds-recorded.csv", keys, options.fresh)
-    there = {place: recorded.scenes(tracks) for place, tracks in recordings(options.tracks, options.places).items()}
-    if options.times == recorded.Times.FCP:
-        there = {place: len(recorded.FCP_BEGINNINGS[place]) for place in there}
+    times, tracks = recorded.Times(options.times), recordings(options.tracks, options.places)
+    there = {place: recorded.scenes(some, place, times) for place, some in tracks.items()}
     wanted = [
         dict(zip(keys, (place, number, options.profile, options.beginning, options.times), strict=True))
         for number in range(options.seed, options.seed + options.count)
@@ -83,7 +82,7 @@ def through_recordings(options: argparse.Namespace) -> int:
     if not wanted:
         raise common.MissingDataError(f"no scenes from {options.seed} on")
     rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
-    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED[recorded.Times(options.times)]}\n")
+    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED[times]}\n")
     if options.json:
         asked = {"protocol": "recorded", **{key: wanted[0][key] for key in keys[2:]}}
         facts = {**asked, **recorded.summary(rows)}

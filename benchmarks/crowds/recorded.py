@@ -85,7 +85,7 @@ class Times(StrEnum):
 FCP_BEGINNINGS = {"eth": (732, 339, 653), "hotel": (1001, 1245, 1582), "univ": (40, 140, 240)}
 FCP_MOST_STEPS = {"univ": 300}
 FCP_PACE = {"eth": 6.0 / 10.0}
-"""Of the times between their positions, those between the recorded ones."""
+"""Time between the positions of their data, relative to the recording."""
 
 
 class Beginning(StrEnum):
@@ -122,20 +122,22 @@ class Scene:
     shapes: Mapping[str, Any]
 
 
-def scenes(tracks: Tracks) -> int:
+def scenes(tracks: Tracks, place: str = "", times: Times = Times.ECP) -> int:
     """How many scenes of a recording there are: people are recorded for all of their steps."""
+    if times is Times.FCP:
+        return len(FCP_BEGINNINGS[place])
     steps = round((tracks.stop - tracks.start) / STEP)
     return max((steps - MOST_STEPS - BEGINNINGS[0]) // (BEGINNINGS[1] - BEGINNINGS[0]) + 1, 0)
 
 
 def most_steps(place: str, times: Times) -> int:
-    """With those for which the robot stands."""
+    """Steps of a scene, with the first ones, for which the robot stands."""
     return FCP_MOST_STEPS.get(place, MOST_STEPS) if times is Times.FCP else MOST_STEPS
 
 
 @cache
 def paced(place: str, tracks: Tracks, times: Times) -> Tracks:
-    """The tracks of a place at the pace that they have there."""
+    """Tracks of a place at the pace of the data that were used."""
     pace = FCP_PACE.get(place, 1.0) if times is Times.FCP else 1.0
     return tracks if pace == 1.0 else Tracks([replace(track, times=pace * track.times) for track in tracks])
 

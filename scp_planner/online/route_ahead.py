@@ -141,7 +141,7 @@ class RouteAhead:
         zones = (*_that_stand(now, means), *corridor_zones(self.asked))
         if not self.guides:
             scene = changed(fixed(scene), guide=self.asked.guide and scene.guide)
-            return partial(_planned_on, scene, zones, thorough=self._stuck)
+            return partial(_planned_on, scene, zones, thorough=True)
         scene = changed(scene, guide=None)
         return partial(_route_round, scene, zones, means.settings, within, self._stuck)
 

@@ -158,9 +158,10 @@ class LegSearch:
     def _drives(self, manoeuvres: Sequence[Manoeuvre]) -> None:
         """Plan the legs of manoeuvres; with the legs that they can spare only if nothing is found without them."""
         for share, passing in LEGS.shares:
-            batch, radius = self.batch, self.batch.radius.copy()
-            radius[batch.moving] += passing / self.curvature
-            steering = Steering(self.inside, replace(batch, radius=radius), self.radius, share * self.curvature)
+            radius = self.batch.radius.copy()
+            radius[self.batch.moving] += passing / self.curvature
+            batch = replace(self.batch, radius=radius)
+            steering = Steering(self.inside, batch, self.radius, share * self.curvature)
             drives = [steering.among_standing(each) for each in manoeuvres]
             tried = self._tried.setdefault(share, [])
             self._plan_drives(steering, _others([each[-1] for each in drives], tried))

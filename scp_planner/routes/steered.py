@@ -56,8 +56,8 @@ class SteeredLeg:
     backward: bool
     poses: Array  # (n + 1, 3): x and y, m, and heading of the vehicle, rad
     wait: float  # s, before it
-    slack: float  # s, that and by how much longer it takes than at top speed
-    time: float  # s, about, that it takes at top speed
+    slack: float  # s, the wait and what slower driving adds
+    time: float  # s, about, at top speed
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Steering:
 
 @dataclass(frozen=True)
 class Drive:
-    """Curvatures of all pieces, 1/m, lengths of legs, m, times that they take longer and waits before them, s."""
+    """Curvatures of all pieces, 1/m; of legs: lengths, m, what slower driving adds, and waits before them, s."""
 
     steering: Steering
     x: Array
@@ -247,7 +247,7 @@ class Drive:
 
     @cached_property
     def most_slower(self) -> Array:
-        """To drive slower is of use only where something moves."""
+        """Slower driving is of use only where something moves."""
         return np.full(len(self.signs), inf if len(self.zones.moving) else 0.0)
 
     @cached_property
@@ -287,11 +287,10 @@ class Drive:
         turned = np.concatenate([np.zeros((1, len(self.x))), np.cumsum(turning, axis=0)])
         middle = turned[:-1] + 0.5 * turning
         half = 0.5 * steps * bends
-        angle, chord = self.poses[:-1, 2] + half, steps * np.sinc(half / pi)
+        angle, sinc = self.poses[:-1, 2] + half, np.sinc(half / pi)
         ahead, aside = unit_vectors(angle), np.stack([-np.sin(angle), np.cos(angle)], 1)
-        moved = (chord[:, None] * aside)[:, :, None] * middle[:, None, :]
-        less = np.cos(half) - np.sinc(half / pi)
-        bent = np.where(np.abs(half) < 1e-4, -half / 3.0, less / np.where(half, half, 1.0))
+        moved = ((steps * sinc)[:, None] * aside)[:, :, None] * middle[:, None, :]
+        bent = np.where(np.abs(half) < 1e-4, -half / 3.0, (np.cos(half) - sinc) / np.where(half, half, 1.0))
         moved[np.arange(count), :, np.arange(count)] += (0.5 * steps**2 * bent)[:, None] * ahead
         moved[np.arange(count), :, length] += (each * np.cos(half))[:, None] * ahead
         places = np.concatenate([np.zeros((1, 2, len(self.x))), np.cumsum(moved, axis=0)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from replanning import PERIOD, follow
 from shapely import Point, box, unary_union
 
 import scp_planner as sp
@@ -107,15 +108,13 @@ def test_who_had_to_stop_before_its_goal_sets_out_again() -> None:
         start={"time": 0.0, "position": (21.23465, 0.44402), "heading": 2.79293, "speed": 0.0},
         goal={"position": (20.0, 0.0)},
     )
-    planner, time = sp.Planner(scenario, online=sp.OnlineSettings(period=0.1)), 0.0
-    place, heading, speed = np.array(scenario.start.position), 2.79293, 0.0
+    planner = sp.Planner(scenario, online=sp.OnlineSettings(period=PERIOD))
     for cycle in range(100):
-        plan = planner.replan(time, place, heading, speed)
+        time, start = PERIOD * cycle, scenario.start
+        held = cycle <= 20
+        plan = planner.replan(time, start.position, start.heading, 0.0) if held else follow(planner, time)
         assert plan.safe
         if plan.arrived:
             break
-        time = round(time + 0.1, 6)
-        if cycle >= 20:  # before, it is held
-            place, heading, speed = plan.position(time), float(plan.heading(time)), float(plan.speed(time))
     assert plan.arrived
     assert time < 2.0 + 0.5 + 2.0 * sp.plan(scenario).travel_time

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import disc, scene
 
-import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.routes.manoeuvres import Manoeuvre
 from scp_planner.routes.steered import STEERING, Drive, Steering
@@ -16,21 +16,13 @@ from scp_planner.threat_zones.of_scenario import ZonesOf
 
 
 def steering_to(goal: tuple[float, float], heading: float, walker: bool = False) -> Steering:
-    walks = {"id": "walker", "shape": {"disc": 0.3}, "motion": {"position": [4.0, 3.0], "velocity": [-0.2, -0.9]}}
-    scenario = sp.Scenario(
-        name="legs",
-        vehicle={
-            "radius": 0.5,
-            "discs": [0.0, 1.0],
-            "max_speed": 1.0,
-            "max_acceleration": 1.0,
-            "max_deceleration": 1.5,
-            "max_curvature": 0.5,
-            "reverse": {"max_speed": 0.6, "max_acceleration": 0.5},
-        },
-        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0},
+    walks = disc("walker", (4.0, 3.0), (-0.2, -0.9), radius=0.3)
+    limits = {"max_speed": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.5, "max_curvature": 0.5}
+    scenario = scene(
+        *([walks] if walker else []),
+        vehicle={**limits, "discs": [0.0, 1.0], "reverse": {"max_speed": 0.6, "max_acceleration": 0.5}},
+        start={"speed": 0.0},
         goal={"position": goal, "heading": heading, "speed": 0.0},
-        obstacles=[walks] if walker else [],
     )
     zones = ZoneBatch.of(ZonesOf(scenario), PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.5)
     return Steering(scenario, zones, 0.5, 0.5)
