@@ -52,7 +52,10 @@ def needless_stands(scene: Scene, drive: Drive) -> list[str]:
     found = []
     for begin, end in drive.stands:
         _, robot = drive.path[int(np.searchsorted(times, begin + 0.05))]
-        plan = known_trip(scene, drive, (*robot.position.tolist(), robot.heading, 0.0), begin)
+        try:
+            plan = known_trip(scene, drive, (*robot.position.tolist(), robot.heading, 0.0), begin)
+        except sp.ScenarioError:  # somebody has come too near since
+            continue
         if not plan.certified:
             continue
         sample = np.arange(begin, plan.arrival_time, 0.1)
