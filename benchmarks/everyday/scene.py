@@ -89,7 +89,7 @@ class Scene:
     rate: float = 10.0  # Hz, of the measurements
     noise: float = 0.04  # m, standard deviation of a measurement in each direction
     walls_at: Callable[[float, Robot], Walls] | None = None  # doors
-    name: str = field(default="", init=False)
+    name: str = field(default="everyday", init=False)
 
     @property
     def is_patrol(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,15 +70,15 @@ def _predict_scene(
     rows = []
     for k, time in enumerate(times):
         visible = ~np.isnan(places[:, k, 0])
-        for i in np.flatnonzero(visible & ~there):
-            facts = {"model": scene[i].model} if scene[i].model else {}
+        for i in np.flatnonzero(visible & ~there).tolist():
+            facts: dict[str, Any] = {"model": scene[i].model} if scene[i].model else {}
             if sensor.noise > 0.0:
                 facts["covariance"] = sensor.noise**2 * np.eye(2)
             planner.add_obstacle(str(i), {"disc": BODY}, **facts)
-        for i in np.flatnonzero(there & ~visible):
+        for i in np.flatnonzero(there & ~visible).tolist():
             planner.remove_obstacle(str(i))
         there = visible
-        for i in np.flatnonzero(visible):
+        for i in np.flatnonzero(visible).tolist():
             planner.observe(str(i), float(time), seen[i, k])
         since = due.get(k)
         if since is None:
