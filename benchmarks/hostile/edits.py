@@ -35,7 +35,8 @@ PLAN_FIELDS = (
     "first_heading",
     "last_heading",
 )
-PLAN_TIME = 2.0
+PLAN_TIME = 5.0
+"""s of the clock; what is edited is part of a finding, as it may be another one where the machine is slower."""
 
 
 def draw(rng: Rng, seed: int) -> Data:
@@ -78,7 +79,7 @@ def check(data: Data) -> Outcome:
     if not certificate.holds:
         return Outcome("does not hold")
     missed = refused({**scene, "least_time": None}, scenario, plan, samples=SAMPLES)
-    return judged("certified", f"{edited}: {missed}" if missed else "")
+    return judged("certified", f"{edited}: {missed}" if missed else "", plan={"scene": scene, "plan": written})
 
 
 def edit(scene: Data, written: Data, rng: Rng) -> str:

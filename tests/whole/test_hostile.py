@@ -231,7 +231,7 @@ def test_an_answer_for_another_state_is_found(
     monkeypatch.setattr(sp.Planner, "replan", again)
     drawn = {"scenario": scene().to_dict(), "map": None, "least_time": None}
     steps = [{"call": None, "odd": None}, {"call": None, "odd": None}, {"call": None, "odd": odd}]
-    detail = rides.drive({"scene": drawn, "steps": steps, "predictor": False}).detail
+    detail = rides.drive({"scene": drawn, "steps": steps, "predictor": False, "deadline": None}).detail
     assert (found in detail) if found else not detail
 
 
@@ -243,7 +243,9 @@ def test_an_arrival_away_from_the_goal_is_found(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(sp.Planner, "replan", arrives)
     drawn = {"scenario": scene().to_dict(), "map": None, "least_time": None}
-    outcome = rides.drive({"scene": drawn, "steps": [{"call": None, "odd": None}], "predictor": False})
+    outcome = rides.drive(
+        {"scene": drawn, "steps": [{"call": None, "odd": None}], "predictor": False, "deadline": None}
+    )
     assert "arrived" in outcome.detail
 
 
