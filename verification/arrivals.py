@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from verification.differences import Array, PositionFunction, end_heading, end_speed
+from verification.differences import Array, HeadingFunction, PositionFunction, end_heading, end_speed, heading_at
 from verification.distances import distance_to_polygon
 from verification.findings import Finding, Tolerances
 
@@ -23,11 +23,19 @@ _SECOND: Array = np.array([45.0, -154.0, 214.0, -156.0, 61.0, -10.0]) / 12.0  # 
 
 
 def goal_conditions(
-    data: Mapping[str, Any], begin: float, end: float, position: PositionFunction, allowed: Tolerances
+    data: Mapping[str, Any],
+    begin: float,
+    end: float,
+    position: PositionFunction,
+    allowed: Tolerances,
+    turned: HeadingFunction | None = None,
 ) -> list[Finding]:
     """Region, ranges and step of a goal, of a trip from one time to another, s, by its positions."""
     goal, found = data["goal"], []
-    heading = end_heading(position, end - begin, end, -1) + math.pi  # seen from the goal the chords point backwards
+    if turned is not None:
+        heading = heading_at(turned, end)
+    else:
+        heading = end_heading(position, end - begin, end, -1) + math.pi  # seen from the goal the chords point backwards
 
     def require(name: str, value: float, limit: float, excess: float, tolerance: float) -> None:
         found.append(Finding(name, value, limit, excess, tolerance, end))

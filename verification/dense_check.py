@@ -47,6 +47,7 @@ from verification.arrivals import first_acceleration, goal_conditions
 from verification.differences import (
     ACCELERATION_WINDOW,
     Array,
+    HeadingFunction,
     PositionFunction,
     ends,
     motion_limits,
@@ -54,7 +55,9 @@ from verification.differences import (
 )
 from verification.distances import clearances
 from verification.findings import DenseReport, Finding, Tolerances
-from verification.places import corridor, disc_centres, place_speeds, walls, workspace
+from verification.gears import braking_speeds, gear_limits
+from verification.meetings import meeting, passages
+from verification.places import corridor, disc_centres, occupied, place_speeds, walls, workspace
 
 SAMPLES = 20_000
 MOST_REFINEMENT = 16  # times the samples, for trips that turn fast
@@ -70,6 +73,9 @@ def check_trip(
     tolerances: Tolerances | None = None,
     samples: int = SAMPLES,
     regions: Mapping[str, float] | None = None,
+    heading: HeadingFunction | None = None,
+    ground: Any = None,
+    lowered: bool = False,
 ) -> DenseReport:
     """Check one trip against a scenario in the file format.
 
@@ -91,6 +97,14 @@ def check_trip(
         For each observed or predicted obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q
         around its estimate, C(t) the covariance of the estimate. Future k of an obstacle is called ``id[k]``; of those
         with a covariance one that is not there is left out. Which q gives which confidence is not judged here.
+    heading : callable, optional
+        (n,) times in s to (n,) headings of the vehicle, rad, of a trip that may stand, turn on the spot and drive
+        backwards. Without them the vehicle heads where it drives.
+    ground : shapely geometry, optional
+        Occupied ground, in m.
+    lowered : bool
+        Limits may have been lowered under way: a speed may begin above its limit if it falls as fast as the vehicle
+        can brake, and curvature, forces and clearance may begin beyond theirs if these never get worse.
 
     Raises
     ------
@@ -109,19 +123,30 @@ def check_trip(
         first = times[np.flatnonzero(~np.isfinite(positions).all(axis=1))[0]]
         broken = Finding("position", math.nan, 0.0, math.inf, 0.0, float(first), "not a number")
         return DenseReport((broken,), arrival_time - start_time)
+    headings = None if heading is None else np.asarray(heading(times), dtype=float)
+    if headings is not None and not np.isfinite(headings).all():
+        raise ValueError("a heading is not a number")
+    excused = braking_speeds(data, times) if lowered else None
     findings = [
-        *ends(data, times, positions, position, allowed),
-        *goal_conditions(data, start_time, arrival_time, position, allowed),
+        *ends(data, times, positions, position, allowed, heading),
+        *goal_conditions(data, start_time, arrival_time, position, allowed, heading),
         *first_acceleration(data, start_time, arrival_time, position, allowed),
-        *motion_limits(data, times, positions, allowed),
-        *place_speeds(data, times, positions, allowed),
+        *(
+            motion_limits(data, times, positions, allowed, excused)
+            if headings is None
+            else gear_limits(data, times, positions, headings, allowed, excused)
+        ),
+        *place_speeds(data, times, positions, allowed, excused),
+        *meeting(data, position, heading, start_time, arrival_time, allowed),
+        *passages(data, times, positions, headings, allowed),
     ]
-    for place in disc_centres(data, positions):
+    for place in disc_centres(data, positions, headings):
         findings += [
-            *workspace(data, times, place, allowed),
-            *corridor(data, times, place, allowed),
-            *walls(data, times, place, allowed),
-            *clearances(data, times, place, allowed, regions or {}),
+            *workspace(data, times, place, allowed, falling=lowered),
+            *corridor(data, times, place, allowed, falling=lowered),
+            *walls(data, times, place, allowed, falling=lowered),
+            *occupied(data, times, place, allowed, ground, falling=lowered),
+            *clearances(data, times, place, allowed, regions or {}, falling=lowered),
         ]
     return DenseReport(tuple(findings), arrival_time - start_time)
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from verification.findings import Finding, Tolerances
+from verification.findings import Finding, Tolerances, find_worst
 
 Array = NDArray[np.float64]
 PositionFunction = Callable[[Array], ArrayLike]
+HeadingFunction = Callable[[Array], ArrayLike]
 
 SPEED_WINDOW = 1e-3  # s, one chord
 SLOW = 0.1  # m/s; ends slower than this are looked at over the samples, not over chords of their own
@@ -33,9 +34,17 @@ _THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of
 
 
 def ends(
-    data: Mapping[str, Any], times: Array, positions: Array, position: PositionFunction, allowed: Tolerances
+    data: Mapping[str, Any],
+    times: Array,
+    positions: Array,
+    position: PositionFunction,
+    allowed: Tolerances,
+    heading: HeadingFunction | None = None,
 ) -> list[Finding]:
-    """Where and when a trip begins and ends, how fast and which way, from positions at times and their function."""
+    """Where and when a trip begins and ends, how fast and which way, from positions at times and their function.
+
+    With the headings of a vehicle that may drive backwards its speed at the start has a sign.
+    """
     start, goal = data["start"], data["goal"]
     begin, end = float(times[0]), float(times[-1])
     found = []
@@ -47,7 +56,7 @@ def ends(
     require("start_time", begin, begin - late, abs(late), 1e-9, begin)
     gap = float(np.linalg.norm(positions[0] - np.asarray(start["position"], dtype=float)))
     require("start_position", gap, 0.0, gap, allowed.position, begin)
-    if goal.get("region") is None:
+    if goal.get("region") is None and goal.get("target") is None:
         gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
         reach = float(goal.get("radius") or 0.0)
         require("goal_position", gap, reach, gap - reach, allowed.position, end)
@@ -59,15 +68,32 @@ def ends(
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
         if place.get("speed") is not None:
             speed = end_speed(position, when, order)
+            if heading is not None and order == 1:
+                speed *= end_gear(position, heading, when)
             gap = abs(speed - float(place["speed"]))
             tolerance = allowed.boundary_speed if name == "start" else max(allowed.boundary_speed, allowed.goal_speed)
             require(f"{name}_speed", speed, float(place["speed"]), gap, tolerance, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
-            heading = end_heading(position, end - begin, when, order) + (0.0 if order == 1 else math.pi)
-            gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
-            require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
+            if heading is not None:
+                turned = heading_at(heading, when)
+            else:
+                turned = end_heading(position, end - begin, when, order) + (0.0 if order == 1 else math.pi)
+            gap = abs(math.remainder(turned - float(place["heading"]), 2.0 * math.pi))
+            require(f"{name}_heading", turned, float(place["heading"]), gap, allowed.heading, when)
     return found
+
+
+def heading_at(heading: HeadingFunction, when: float) -> float:
+    """Heading of a vehicle at a time."""
+    return float(np.asarray(heading(np.array([when])), dtype=float)[0])
+
+
+def end_gear(position: PositionFunction, heading: HeadingFunction, begin: float) -> float:
+    """1 if a vehicle sets out along its heading, -1 against it."""
+    here, there = np.asarray(position(begin + np.array([0.0, END_WINDOW])), dtype=float)
+    angle = heading_at(heading, begin)
+    return -1.0 if float((there - here) @ np.array([math.cos(angle), math.sin(angle)])) < 0.0 else 1.0
 
 
 def end_speed(position: PositionFunction, end: float, order: int) -> float:
@@ -166,28 +192,41 @@ def shortfalls(positions: Array, step: float) -> Array:
         return short
     headings = np.arctan2(chords[real, 1], chords[real, 0])
     turns = np.abs(np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi)
+    turns = np.minimum(turns, np.pi - turns)  # who turns about is short of nothing
     turns = np.maximum(np.append(turns, 0.0), np.append(0.0, turns))
     short[real] = lengths[real] / step * turns**2 / 24.0
     return short
 
 
-def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
-    """Compare what the vehicle does with what it can, from positions (n, 2) m at equidistant times (n,) s."""
+def motion_limits(
+    data: Mapping[str, Any],
+    times: Array,
+    positions: Array,
+    allowed: Tolerances,
+    excused: Array | None = None,
+) -> list[Finding]:
+    """Compare what the vehicle does with what it can, from positions (n, 2) m at equidistant times (n,) s.
+
+    Speeds up to those ``excused``, (n,) m/s, break no limit; if there are any, what begins beyond another limit may
+    stay so as long as it does not rise.
+    """
     vehicle = data["vehicle"]
     step = float(times[1] - times[0])
     width = max(1, round(SPEED_WINDOW / step))
     apart = max(width, round(ACCELERATION_WINDOW / step))
-    found = []
+    found: list[Finding] = []
 
     def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
-        found.extend(_worst(name, values, limit, tolerance, when))
+        found.extend(find_worst(name, values, limit, tolerance, when))
 
     displacements = positions[width:] - positions[:-width]
     chords = np.linalg.norm(displacements, axis=1)
     middles = (times[width:] + times[:-width]) / 2.0
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     speeds = (driven[width:] - driven[:-width]) / (width * step)
-    at_most("speed", speeds, float(vehicle["max_speed"]), allowed.speed, middles)
+    top = float(vehicle["max_speed"])
+    more = 0.0 if excused is None else np.maximum(excused[:-width] - top, 0.0)
+    at_most("speed", speeds - more, top, allowed.speed, middles)
 
     backward, when = _backward_speed(displacements, chords, width * step, middles)
     found.append(Finding("reversing", backward, 0.0, -backward, allowed.speed, when))
@@ -203,7 +242,20 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
         far = max(1, round(RATE_WINDOW / step))
         jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)
         at_most("jerk", jerks, float(vehicle["max_jerk"]), allowed.jerk, (between[far:] + between[:-far]) / 2.0)
-    found += _forces(vehicle, displacements, speeds, between, step, allowed)
+    found += _forces(vehicle, displacements, speeds, between, step, allowed, falling=excused is not None)
+
+    return found + _bends(vehicle, times, positions, allowed, falling=excused is not None)
+
+
+def _bends(
+    vehicle: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, *, falling: bool
+) -> list[Finding]:
+    """Curvature, its rate and the lateral acceleration, from chords of equal lengths."""
+    found: list[Finding] = []
+
+    def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
+        may_fall = falling and name != "curvature_rate"
+        found.extend(find_worst(name, values, limit, tolerance, when, falling=may_fall))
 
     chosen = points_by_length(positions)
     if chosen.size < 3:
@@ -242,7 +294,14 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
 
 
 def _forces(
-    vehicle: Mapping[str, Any], displacements: Array, speeds: Array, between: Array, step: float, allowed: Tolerances
+    vehicle: Mapping[str, Any],
+    displacements: Array,
+    speeds: Array,
+    between: Array,
+    step: float,
+    allowed: Tolerances,
+    *,
+    falling: bool,
 ) -> list[Finding]:
     """Acceleration along and across the path together, and power, from chords (n, 2), m, and speeds (n,) of these."""
     found = []
@@ -252,23 +311,14 @@ def _forces(
         # The norm of a mean is at most the mean of the norms: an exact trip is never refused, however it turns.
         changes = (displacements[apart:] - displacements[:-apart]) / (width * step * apart * step)
         together, limit = np.linalg.norm(changes, axis=1), float(vehicle["max_total_acceleration"])
-        found.extend(_worst("total_acceleration", together, limit, allowed.acceleration, between))
+        found.extend(find_worst("total_acceleration", together, limit, allowed.acceleration, between, falling=falling))
     if vehicle.get("max_power") is not None:
         # The energy won over a time is the integral of the power, whatever the acceleration does meanwhile.
         powers = (speeds[apart:] ** 2 - speeds[:-apart] ** 2) / (2.0 * apart * step)
         jump = float(vehicle["max_acceleration"]) + float(vehicle["max_deceleration"])
         tolerance = allowed.acceleration * max(1.0, float(vehicle["max_speed"])) + POWER_WINDOW * jump**2
-        found.extend(_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
+        found.extend(find_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
     return found
-
-
-def _worst(name: str, values: Array, limit: float, tolerance: float, when: Array) -> list[Finding]:
-    """The largest of some values; nothing of none, as of a trip that is shorter than they take to be told."""
-    if not values.size:
-        return []
-    worst = int(np.argmax(values))
-    value = float(values[worst])
-    return [Finding(name, value, limit, value - limit, tolerance, float(when[worst]))]
 
 
 def _backward_speed(displacements: Array, chords: Array, duration: float, when: Array) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from verification.differences import Array
-from verification.findings import Finding, Tolerances
+from verification.findings import Finding, Tolerances, find_least_room
 from verification.forecasts import predicted
 
 HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner takes for standing
@@ -27,6 +27,8 @@ def clearances(
     positions: Array,
     allowed: Tolerances,
     regions: Mapping[str, float],
+    *,
+    falling: bool = False,
 ) -> list[Finding]:
     """Least clearance to each obstacle, of positions (n, 2) m at times (n,) s, with the regions of `check_trip`."""
     radius = float(data["vehicle"]["radius"])
@@ -45,10 +47,26 @@ def clearances(
         else:
             distance = signed_distance(obstacle, times, positions)
         clearance = distance - radius - float(obstacle.get("margin") or 0.0)
-        worst = int(np.argmin(clearance))
-        least = float(clearance[worst])
-        found.append(Finding("clearance", least, 0.0, -least, allowed.clearance, float(times[worst]), name))
+        found.append(find_least_room("clearance", clearance, allowed.clearance, times, subject=name, falling=falling))
     return found
+
+
+def expected_motion(obstacle: Mapping[str, Any], times: Array, start_time: float) -> tuple[Array, Array]:
+    """Centres and velocities (n, 2) at times (n,) of something that is known, predicted or observed."""
+    motion = obstacle.get("motion")
+    if motion is not None:
+        timed = motion if motion.get("time") is not None else {**motion, "time": start_time}
+        return _moved(timed, times)[:2]
+    step = 1e-3
+    around = np.concatenate([times - step, times, times + step])
+    if obstacle.get("estimate") is not None or (obstacle.get("model") or {}).get("process") is not None:
+        order = np.argsort(around)
+        centres = np.empty((len(around), 2))
+        centres[order] = predicted(obstacle, around[order]).centres
+    else:
+        centres = observed(obstacle, around)[0]
+    before, here, after = np.split(centres, 3)
+    return here, (after - before) / (2.0 * step)
 
 
 def _each_future(data: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -80,3 +83,41 @@ class DenseReport:
 
     def __str__(self) -> str:
         return "holds" if self.ok else "; ".join(str(finding) for finding in self.violations)
+
+
+def find_worst(
+    name: str,
+    values: NDArray[np.float64],
+    limit: float,
+    tolerance: float,
+    when: NDArray[np.float64],
+    *,
+    subject: str = "",
+    falling: bool = False,
+) -> list[Finding]:
+    """Find the largest of some values (n,) against a limit; nothing of none.
+
+    Where it may be ``falling``, values that begin beyond the limit may stay beyond it as long as they never rise.
+    """
+    if not values.size:
+        return []
+    beyond = values - limit
+    if falling:
+        least = np.minimum.accumulate(values)
+        beyond = values - np.maximum(limit, np.append(least[:1], least[:-1]))
+    worst = int(np.argmax(beyond))
+    return [Finding(name, float(values[worst]), limit, float(beyond[worst]), tolerance, float(when[worst]), subject)]
+
+
+def find_least_room(
+    name: str,
+    room: NDArray[np.float64],
+    tolerance: float,
+    when: NDArray[np.float64],
+    *,
+    subject: str = "",
+    falling: bool = False,
+) -> Finding:
+    """Find the least room (n,), m, which may be missing at first where it may be ``falling``, but never more."""
+    found = find_worst(name, -room, 0.0, tolerance, when, subject=subject, falling=falling)[0]
+    return Finding(name, -found.value, 0.0, found.excess, tolerance, found.time, subject)

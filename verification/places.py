@@ -11,14 +11,16 @@ import numpy as np
 
 from verification.differences import SPEED_WINDOW, Array
 from verification.distances import distance_to_polygon
-from verification.findings import Finding, Tolerances
+from verification.findings import Finding, Tolerances, find_least_room, find_worst
 
 LITTLE = 0.05  # of a chord, by which the next ones may change it
 ROUNDED = 1e6 * np.finfo(float).eps  # of the coordinates: shorter steps have no direction to a millionth
 
 
-def disc_centres(data: Mapping[str, Any], positions: Array) -> list[Array]:
-    """Centres (n, 2) of the vehicle's discs: so far ahead of the positions, along the direction of the way there.
+def disc_centres(data: Mapping[str, Any], positions: Array, headings: Array | None = None) -> list[Array]:
+    """Centres (n, 2) of the vehicle's discs: so far ahead of the positions, along the headings (n,), if given.
+
+    Without headings, they are along the direction of the way there.
 
     That direction is that of the velocity by central differences, of fourth order where that changes little: not where
     the vehicle is about to stand or to set out. Where rounding leaves little of them, it goes straight over the way
@@ -27,6 +29,9 @@ def disc_centres(data: Mapping[str, Any], positions: Array) -> list[Array]:
     offsets = [float(offset) for offset in data["vehicle"].get("discs") or (0.0,)]
     if offsets == [0.0]:
         return [positions]
+    if headings is not None:
+        axis = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+        return [positions + offset * axis for offset in offsets]
     chords = positions[3:-1] - positions[1:-3]
     more = (chords + chords - positions[4:] + positions[:-4]) / 6.0  # of what they are in two steps
     lengths = np.linalg.norm(chords, axis=1)
@@ -47,8 +52,13 @@ def disc_centres(data: Mapping[str, Any], positions: Array) -> list[Array]:
     return [positions + offset * ahead for offset in offsets]
 
 
-def place_speeds(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
-    """Speeds on chords of which both ends belong to a stretch of a line: nearest to a point of it."""
+def place_speeds(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, excused: Array | None = None
+) -> list[Finding]:
+    """Speeds on chords of which both ends belong to a stretch of a line: nearest to a point of it.
+
+    Speeds up to those ``excused``, (n,) m/s, break no limit.
+    """
     step = float(times[1] - times[0])
     width = max(1, round(SPEED_WINDOW / step))
     speeds = np.linalg.norm(positions[width:] - positions[:-width], axis=1) / (width * step)
@@ -59,10 +69,11 @@ def place_speeds(data: Mapping[str, Any], times: Array, positions: Array, allowe
         inside = along >= float(limit["from"])
         if limit.get("to") is not None:
             inside &= along <= float(limit["to"])
-        speed = np.where(inside[width:] & inside[:-width], speeds, 0.0)
-        worst, top = int(np.argmax(speed)), float(limit["speed"])
-        value, when = float(speed[worst]), float(times[worst])
-        found.append(Finding("place_speed", value, top, value - top, allowed.speed, when, f"speed_limits[{number}]"))
+        speed, top = np.where(inside[width:] & inside[:-width], speeds, 0.0), float(limit["speed"])
+        if excused is not None:
+            speed -= np.maximum(excused[:-width] - top, 0.0)
+        name = f"speed_limits[{number}]"
+        found += find_worst("place_speed", speed, top, allowed.speed, times[:-width], subject=name)
     return found
 
 
@@ -80,7 +91,9 @@ def _along(line: Array, points: Array) -> Array:
     return along
 
 
-def workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+def workspace(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, *, falling: bool = False
+) -> list[Finding]:
     """Least room to the bounds, if there are any."""
     bounds = data.get("bounds")
     if bounds is None:
@@ -90,12 +103,12 @@ def workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed: 
         (positions - np.asarray(bounds["min"], dtype=float)).min(axis=1),
         (np.asarray(bounds["max"], dtype=float) - positions).min(axis=1),
     )
-    worst = int(np.argmin(inside))
-    room = float(inside[worst]) - radius
-    return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
+    return [find_least_room("bounds", inside - radius, allowed.clearance, times, falling=falling)]
 
 
-def corridor(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+def corridor(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, *, falling: bool = False
+) -> list[Finding]:
     """Room to the border of the union of convex polygons, which is what of their edges lies in no other one."""
     polygons = [np.asarray(polygon, dtype=float) for polygon in data.get("corridor") or ()]
     if not polygons:
@@ -110,20 +123,32 @@ def corridor(data: Mapping[str, Any], times: Array, positions: Array, allowed: T
                 distance = np.minimum(distance, np.linalg.norm(positions - a - share[:, None] * (b - a), axis=1))
     inside = np.any([distance_to_polygon(positions, polygon) <= 0.0 for polygon in polygons], axis=0)
     room = np.where(inside, distance, -distance) - float(data["vehicle"]["radius"])
-    worst = int(np.argmin(room))
-    least = float(room[worst])
-    return [Finding("corridor", least, 0.0, -least, allowed.clearance, float(times[worst]))]
+    return [find_least_room("corridor", room, allowed.clearance, times, falling=falling)]
 
 
-def walls(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+def walls(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, *, falling: bool = False
+) -> list[Finding]:
     """Least room to each wall."""
     radius, found = float(data["vehicle"]["radius"]), []
     for number, polygon in enumerate(data.get("walls") or ()):
         room = distance_to_polygon(positions, np.asarray(polygon, dtype=float)) - radius
-        worst = int(np.argmin(room))
-        least, when = float(room[worst]), float(times[worst])
-        found.append(Finding("walls", least, 0.0, -least, allowed.clearance, when, f"walls[{number}]"))
+        subject = f"walls[{number}]"
+        found.append(find_least_room("walls", room, allowed.clearance, times, subject=subject, falling=falling))
     return found
+
+
+def occupied(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, ground: Any, *, falling: bool = False
+) -> list[Finding]:
+    """Least room to a shapely geometry of occupied ground, by shapely."""
+    if ground is None:
+        return []
+    import shapely
+
+    shapely.prepare(ground)
+    room = shapely.distance(ground, shapely.points(positions)) - float(data["vehicle"]["radius"])
+    return [find_least_room("ground", room, allowed.clearance, times, falling=falling)]
 
 
 def _left_over(begin: Array, end: Array, polygons: list[Array]) -> list[tuple[float, float]]:

@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.hostile`` tries damaged scenario and plan files, wild but legal scenarios, corridors with holes,
 absurd command lines, absurd calls of an online planner, drives in which it is told other states than it planned, other
-clocks and odd sensors, in processes of their own. It finds exceptions other than those that are documented, what takes
-over 10 s of the processor or 1 GB, and certified and safe plans that an independent check refuses. Every finding is
+clocks and odd sensors, scenes from the product of features, their plans with edited fields, and drives through them, in
+processes of their own. It finds exceptions other than those that are documented, what takes over 10 s of the
+processor or 500 MB, and certified and safe plans that an independent check refuses. Every finding is
 written with all that trying it again needs; ``--only KIND --seed N --count 1`` tries the one of that seed.
 """
 
@@ -15,7 +16,7 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from benchmarks.hostile.workers import tried
 
 CODE_OF_FINDINGS = 1
 INTERRUPTED = 130
+DRIVES = (Kind.DRIVE, Kind.RIDE)
 COLUMNS = ("kind", "seed", "fault", "detail", "file")
 
 
@@ -35,7 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     kinds = options.only or list(Kind)
     until = time.monotonic() + 60.0 * options.minutes
     report = Report(options.output, options.plan_time)
-    jobs = _jobs(kinds, options.seed, options.count, until)
+    drives = options.count if options.drives is None else options.drives
+    counts = {kind: drives if kind in DRIVES else options.count for kind in kinds}
+    jobs = _jobs(counts, options.seed, until)
     code = 0
     try:
         for case in tried(jobs, options.workers, options.seconds, options.memory * 10**6, options.plan_time):
@@ -53,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the first case of each kind (default: 0)")
     parser.add_argument("--count", type=int, default=None, help="cases of each kind, at most (default: no limit)")
+    parser.add_argument("--drives", type=int, default=None, help="cases of each kind of drive (default: as --count)")
     parser.add_argument("--minutes", type=float, default=5.0, help="after which no case is begun (default: 5)")
     parser.add_argument(
         "--only", type=Kind, action="append", metavar="KIND", help=f"one of {', '.join(Kind)}; repeatable"
@@ -62,19 +67,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--plan-time", type=float, default=PLAN_TIME, help=f"s that a plan may take (default: {PLAN_TIME:g})"
     )
-    parser.add_argument("--memory", type=int, default=1000, help="MB for one process (default: 1000)")
+    parser.add_argument("--memory", type=int, default=500, help="MB for one process (default: 500)")
     parser.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT / "hostile", help="folder for findings")
     return parser
 
 
-def _jobs(kinds: Sequence[Kind], seed: int, count: int | None, until: float) -> Iterator[tuple[Kind, int]]:
-    """Take kinds in turn, each with the next seed, until the time is over."""
-    seeds = itertools.count(seed) if count is None else range(seed, seed + count)
-    for number in seeds:
-        for kind in kinds:
+def _jobs(counts: Mapping[Kind, int | None], seed: int, until: float) -> Iterator[tuple[Kind, int]]:
+    """Take kinds in turn, each with the next seed, until the time or the count of each is over."""
+    for number in itertools.count():
+        due = [kind for kind, count in counts.items() if count is None or number < count]
+        if not due:
+            return
+        for kind in due:
             if time.monotonic() > until:
                 return
-            yield kind, number
+            yield kind, seed + number
 
 
 class Report:

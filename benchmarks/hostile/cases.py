@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Callable
@@ -19,10 +20,22 @@ from pathlib import Path
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.hostile import calls, clocks, commands, corridors, drives, planfiles, sensors
+from benchmarks.hostile import (
+    calls,
+    clocks,
+    combined,
+    commands,
+    corridors,
+    drives,
+    edits,
+    oracle,
+    planfiles,
+    rides,
+    sensors,
+)
 from benchmarks.hostile.damage import ODD, cut, damaged
 from benchmarks.hostile.dense import checked
-from benchmarks.hostile.outcome import Fault, Outcome
+from benchmarks.hostile.outcome import Fault, Outcome, judged
 from benchmarks.hostile.wild import Data, Wild, wild
 from scp_planner.errors import TooLargeError
 
@@ -47,6 +60,12 @@ class Kind(StrEnum):
     """Wild scenarios driven with an online planner that is told other states, and its promises checked densely."""
     CORRIDOR = "corridor"
     """Trips through corridors of any size with holes and slivers, compared with the union of their polygons."""
+    COMBINED = "combined"
+    """Scenes from the product of features: planned, on time, and certified plans checked densely."""
+    EDIT = "edit"
+    """Plans of such scenes, checked after fields of the plan or the scene were edited."""
+    RIDE = "ride"
+    """Drives through such scenes; limits, goal and ground change, and odd states are reported."""
     CLOCK = "clock"
     """The same drive on another clock."""
     SENSOR = "sensor"
@@ -75,7 +94,8 @@ class Case:
 
 def make(kind: Kind, seed: int, plan_time: float = PLAN_TIME) -> Case:
     """Draw a case."""
-    return Case(kind, seed, _MAKERS[kind](np.random.default_rng([seed, list(Kind).index(kind)])), plan_time)
+    rng = np.random.default_rng([seed, *kind.encode()])
+    return Case(kind, seed, edits.draw(rng, seed) if kind is Kind.EDIT else _MAKERS[kind](rng), plan_time)
 
 
 def carry_out(case: Case) -> Outcome:
@@ -145,6 +165,24 @@ def _try_wild(case: Case) -> Outcome:
     return checked(drawn, scenario, plan) if plan.certified else Outcome(plan.status.value)
 
 
+def _try_combined(case: Case) -> Outcome:
+    try:
+        scenario = combined.scenario_of(case.data)
+    except sp.ScenarioError:
+        return Outcome("bad input")
+    began = time.process_time()
+    try:
+        plan = sp.plan(scenario, time_limit=case.plan_time, constraints=combined.constraints_of(case.data))
+    except (TooLargeError, sp.EstimationError):
+        return Outcome("too large")
+    took = time.process_time() - began
+    if took > case.plan_time * (1.0 + rides.SHARE) + rides.SPARE:
+        return Outcome(plan.status.value, Fault.HANG, f"{took:.2f} s for {case.plan_time:g} s")
+    if not plan.certified:
+        return Outcome(plan.status.value)
+    return judged("certified", oracle.refused(case.data, scenario, plan), plan=plan.to_dict())
+
+
 # the rest is of modules of its own
 
 
@@ -183,6 +221,8 @@ _MAKERS: dict[Kind, Callable[[np.random.Generator], Data]] = {
     Kind.PLANNER: _make_planner,
     Kind.DRIVE: drives.draw,
     Kind.CORRIDOR: corridors.draw,
+    Kind.COMBINED: combined.draw,
+    Kind.RIDE: rides.draw,
     Kind.CLOCK: clocks.draw,
     Kind.SENSOR: sensors.draw,
 }
@@ -194,6 +234,9 @@ _TRIED: dict[Kind, Callable[[Case], Outcome]] = {
     Kind.PLANNER: _try_planner,
     Kind.DRIVE: lambda case: drives.drive(case.data, case.plan_time),
     Kind.CORRIDOR: lambda case: corridors.check(case.data),
+    Kind.COMBINED: _try_combined,
+    Kind.EDIT: lambda case: edits.check(case.data),
+    Kind.RIDE: lambda case: rides.drive(case.data),
     Kind.CLOCK: lambda case: clocks.check(case.data),
     Kind.SENSOR: lambda case: sensors.check(case.data),
 }

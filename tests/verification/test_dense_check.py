@@ -254,7 +254,7 @@ def test_the_check_imports_nothing_of_the_planner() -> None:
             imported.add((node.module or "").split(".")[0])
     assert "scp_planner" not in imported
     standard = {"__future__", "itertools", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
-    assert imported <= standard | {"numpy", "scipy", "verification"}
+    assert imported <= standard | {"numpy", "scipy", "shapely", "verification"}
 
 
 def test_a_jump_of_the_acceleration_just_after_the_start_is_no_wrong_speed() -> None:

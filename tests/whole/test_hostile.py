@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from scenes import scene
 
 import scp_planner as sp
-from benchmarks.hostile import calls, clocks, commands, planfiles, workers
+from benchmarks.hostile import calls, clocks, combined, commands, planfiles, rides, workers
 from benchmarks.hostile.cases import Case, Kind, carry_out, make
 from benchmarks.hostile.outcome import Outcome
 from benchmarks.hostile.wild import Wild, wild
@@ -29,7 +30,7 @@ def test_a_seed_names_a_case(kind: Kind) -> None:
     assert json.dumps(first.data) != json.dumps(other.data)
 
 
-@pytest.mark.parametrize("kind", [Kind.SCENARIO, Kind.WILD, Kind.PLANNER, Kind.DRIVE])
+@pytest.mark.parametrize("kind", [Kind.SCENARIO, Kind.WILD, Kind.PLANNER, Kind.DRIVE, Kind.COMBINED, Kind.RIDE])
 def test_whatever_is_drawn_can_be_made_into_a_case(kind: Kind) -> None:
     """Also of goals that are regions without a place to aim at."""
     assert any("position" not in wild(np.random.default_rng([seed, 0])).data["goal"] for seed in range(80))
@@ -174,3 +175,89 @@ def test_another_clock_shifts_times_and_nothing_else() -> None:
     assert later["start"]["time"] == 64.0
     assert clocks.shifted(later, -64.0) == data
     assert {**later, "start": 0, "goal": 0, "obstacles": 0} == {**data, "start": 0, "goal": 0, "obstacles": 0}
+
+
+def test_a_slice_of_edited_plans_and_scenes_holds() -> None:
+    """One plan, edited 25 times: whatever is still certified, the dense check passes."""
+    outcomes = [carry_out(make(Kind.EDIT, seed)) for seed in range(25)]
+    assert [each.detail for each in outcomes if each.fault is not None] == []
+    assert {"certified", "does not hold"} <= {each.result for each in outcomes}
+
+
+def test_combined_scenes_have_every_feature() -> None:
+    scenes = [make(Kind.COMBINED, seed).data for seed in range(200)]
+    legal = 0
+    for scene_drawn in scenes:
+        try:
+            combined.scenario_of(scene_drawn)
+        except sp.ScenarioError:
+            continue
+        legal += 1
+    assert legal > 120
+    drawn = [each["scenario"] for each in scenes]
+    for part, keys in (
+        ("vehicle", ("reverse", "max_turn_rate", "max_jerk", "discs", "max_total_acceleration")),
+        ("goal", ("target", "match_velocity", "approach", "heading", "speed", "radius")),
+    ):
+        assert all(any(each[part].get(key) for each in drawn) for key in keys)
+    assert all(any(each.get(key) for each in drawn) for key in ("goals", "walls", "corridor", "speed_limits"))
+    assert {each.get("goals_order") for each in drawn} >= {"given", "fastest"}
+    assert all(any(each[key] for each in scenes) for key in ("map", "least_time"))
+
+
+def test_a_false_certificate_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the dense check, of a certificate that holds whatever it is."""
+    monkeypatch.setattr(sp, "certify", lambda *_: type("Held", (), {"holds": True}))
+    outcomes = [carry_out(make(Kind.EDIT, seed)) for seed in range(25)]
+    assert sum(each.result == "certified" for each in outcomes) > 5
+    assert any(each.fault is not None for each in outcomes)
+
+
+@pytest.mark.parametrize(
+    ("odd", "found"),
+    [(None, ""), (["backwards", 0.5], "nothing is doubted"), (["aside", 1.0], "start_position")],
+)
+def test_an_answer_for_another_state_is_found(
+    odd: list[Any] | None, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever it is told, this planner answers what it planned at first."""
+    first: list[Any] = []
+    replan = sp.Planner.replan
+
+    def again(self: sp.Planner, *state: Any, **options: Any) -> Any:
+        first[:] = first or [replan(self, *state, **options)]
+        return first[0]
+
+    monkeypatch.setattr(sp.Planner, "replan", again)
+    drawn = {"scenario": scene().to_dict(), "map": None, "least_time": None}
+    steps = [{"call": None, "odd": None}, {"call": None, "odd": None}, {"call": None, "odd": odd}]
+    detail = rides.drive({"scene": drawn, "steps": steps, "predictor": False, "deadline": None}).detail
+    assert (found in detail) if found else not detail
+
+
+def test_an_arrival_away_from_the_goal_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    replan = sp.Planner.replan
+
+    def arrives(self: sp.Planner, *state: Any, **options: Any) -> Any:
+        return replace(replan(self, *state, **options), code=sp.ReasonCode.ARRIVED)
+
+    monkeypatch.setattr(sp.Planner, "replan", arrives)
+    drawn = {"scenario": scene().to_dict(), "map": None, "least_time": None}
+    outcome = rides.drive(
+        {"scene": drawn, "steps": [{"call": None, "odd": None}], "predictor": False, "deadline": None}
+    )
+    assert "arrived" in outcome.detail
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_occupied_ground_is_that_of_the_map(yaw: float) -> None:
+    """By looking cells up at random places."""
+    rng = np.random.default_rng(5)
+    cells = rng.random((6, 9)) < 0.3
+    drawn = {"cells": cells.tolist(), "resolution": 0.5, "origin": [3.0, -2.0], "yaw": yaw, "beyond": True}
+    ground = combined.occupied_ground(drawn)
+    for x, y in rng.uniform(-1.0, 6.0, (200, 2)):
+        column, row = math.floor(x / 0.5), math.floor(y / 0.5)
+        inside = 0 <= row < 6 and 0 <= column < 9
+        place = shapely.Point(3.0 + x * math.cos(yaw) - y * math.sin(yaw), -2.0 + x * math.sin(yaw) + y * math.cos(yaw))
+        assert ground.intersects(place) == (bool(cells[row, column]) if inside else True)

@@ -1,0 +1,219 @@
+"""Good trips in which one promise is broken: the dense check names exactly that."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from scp_planner.arrays import Array
+from verification.dense_check import check_trip
+
+BRAKES, GAINS, TOP, RADIUS = 2.0, 1.5, 3.0, 4.0
+BACKWARDS = 1.5
+TURN = math.pi / 2.0
+RATE = 1.0
+VEHICLE = {
+    "radius": 0.3,
+    "max_speed": TOP,
+    "max_acceleration": GAINS,
+    "max_deceleration": BRAKES,
+    "max_curvature": 1.0 / RADIUS,
+    "max_turn_rate": RATE,
+    "steering": "on_the_spot",
+    "reverse": {"max_speed": BACKWARDS, "max_acceleration": 1.0},
+}
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Full acceleration, a top speed, full braking: distances at times since it began."""
+
+    length: float
+    top: float
+    gains: float
+    brakes: float = BRAKES
+
+    @property
+    def duration(self) -> float:
+        return self.length / self.top + 0.5 * self.top * (1.0 / self.gains + 1.0 / self.brakes)
+
+    def __call__(self, t: Array) -> Array:
+        t = np.clip(t, 0.0, self.duration)
+        rise, fall = self.top / self.gains, self.top / self.brakes
+        left = self.duration - t
+        return np.where(
+            t < rise,
+            0.5 * self.gains * t**2,
+            np.where(left < fall, self.length - 0.5 * self.brakes * left**2, self.top * (t - 0.5 * rise)),
+        )
+
+
+@dataclass(frozen=True)
+class Trip:
+    """Forwards by 12 m along x, a turn on the spot to the left, and backwards by 5 m: down along y."""
+
+    ahead: Ramp = Ramp(12.0, TOP, GAINS)
+    back: Ramp = Ramp(5.0, BACKWARDS, 1.0)
+    rest: float = TURN / RATE
+    origin: tuple[float, float] = (0.0, 0.0)
+    heading_off: float = 0.0
+    begin: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def end(self) -> float:
+        return self.begin + self.ahead.duration + self.rest + self.back.duration
+
+    def position(self, t: Array) -> Array:
+        since = np.asarray(t) - self.begin
+        x = self.ahead(since)
+        y = -self.back(since - self.ahead.duration - self.rest)
+        jump = (since >= self.ahead.duration + 0.5 * self.rest)[:, None] * np.array(self.shift)
+        return np.stack([x, y], axis=1) + np.array(self.origin) + jump
+
+    def heading(self, t: Array) -> Array:
+        share = (np.asarray(t) - self.begin - self.ahead.duration) / self.rest
+        return self.heading_off + TURN * np.clip(share, 0.0, 1.0)
+
+
+TRIP = Trip()
+MIDDLE = TRIP.ahead.duration
+DATA: dict[str, Any] = {
+    "vehicle": VEHICLE,
+    "start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0},
+    "goal": {"position": [12.0, -5.0], "heading": TURN, "speed": 0.0},
+    "goals": [{"position": [6.0, 0.5], "radius": 0.6}, {"position": [12.0, -2.0], "radius": 0.1}],
+    "obstacles": [
+        {"id": "late", "shape": {"disc": 0.5}, "motion": {"position": [12.0 + MIDDLE, 4.0], "velocity": [-1.0, 0.0]}}
+    ],
+    "walls": [[[2.0, 0.4], [3.0, 0.4], [3.0, 1.0], [2.0, 1.0]]],
+}
+GROUND = shapely.box(12.5, -4.0, 13.0, -1.0)
+
+
+def change(path: str, value: Any) -> dict[str, Any]:
+    data = copy.deepcopy(DATA)
+    *keys, last = [int(key) if key.isdigit() else key for key in path.split(".")]
+    inner: Any = data
+    for key in keys:
+        inner = inner[key]
+    inner[last] = value
+    return data
+
+
+def broken(data: dict[str, Any] = DATA, trip: Trip = TRIP, **options: Any) -> set[str]:
+    report = check_trip(
+        data, trip.position, trip.begin, trip.end, heading=trip.heading, samples=5000, **{"ground": GROUND, **options}
+    )
+    return {finding.name for finding in report.violations}
+
+
+def test_a_trip_in_legs_that_keeps_all_limits_holds() -> None:
+    assert broken() == set()
+
+
+@pytest.mark.parametrize(
+    ("found", "path", "value"),
+    [
+        ("start_position", "start.position", [0.0, 1e-4]),
+        ("start_speed", "start.speed", 0.01),
+        ("start_heading", "start.heading", 1e-3),
+        ("start_time", "start.time", 1e-3),
+        ("goal_position", "goal.position", [12.0, -5.001]),
+        ("goal_heading", "goal.heading", -TURN),
+        ("goal_speed", "goal.speed", 0.01),
+        ("latest_arrival", "goal.latest_arrival", TRIP.end - 0.01),
+        ("passage", "goals.0.radius", 0.49),
+        ("passage", "goals.1.earliest_arrival", TRIP.end - 0.1),
+        ("passage", "goals", DATA["goals"][::-1]),
+        ("passage", "goals.1.heading_range", [-0.1, 0.1]),
+        ("passage", "goals", [{"position": [3.0, 9.0], "radius": 0.5}]),
+        ("speed", "vehicle.max_speed", 2.999),
+        ("speed", "vehicle.reverse.max_speed", 1.499),
+        ("acceleration", "vehicle.reverse.max_acceleration", 0.99),
+        ("deceleration", "vehicle.max_deceleration", 1.99),
+        ("reversing", "vehicle.reverse", None),
+        ("turn_while_standing", "vehicle.max_turn_rate", 0.99),
+        ("clearance", "obstacles.0.motion.position", [12.0 + MIDDLE, 0.7]),
+        ("walls", "walls.0", [[2.0, 0.299], [3.0, 0.299], [3.0, 1.0], [2.0, 1.0]]),
+        ("bounds", "bounds", {"min": [-1.0, -5.299], "max": [13.0, 1.0]}),
+        ("place_speed", "speed_limits", [{"from": 5.0, "to": 6.0, "speed": 2.9, "line": [[0.0, 0.0], [12.0, 0.0]]}]),
+    ],
+)
+def test_a_promise_that_the_trip_breaks_is_found(found: str, path: str, value: Any) -> None:
+    assert broken(change(path, value)) == {found}
+
+
+@pytest.mark.parametrize(
+    ("found", "trip"),
+    [
+        ({"start_position", "goal_position"}, replace(TRIP, origin=(2e-6, 0.0))),
+        ({"goal_position", "jump", "heading_along_path"}, replace(TRIP, shift=(1e-4, 0.0))),
+        ({"goal_position", "jump"}, replace(TRIP, shift=(-2e-5, -2e-5))),
+        ({"heading_along_path", "start_heading", "goal_heading"}, replace(TRIP, heading_off=0.01)),
+        ({"turn_while_standing"}, replace(TRIP, rest=0.9 * TRIP.rest)),
+        ({"acceleration"}, replace(TRIP, ahead=Ramp(12.0, TOP, 1.01 * GAINS))),
+    ],
+)
+def test_a_trip_that_breaks_a_promise_is_found(found: set[str], trip: Trip) -> None:
+    assert broken(trip=trip, data=change("obstacles", [])) == found
+
+
+def test_occupied_ground_is_found() -> None:
+    assert broken(ground=GROUND.buffer(0.21)) == {"ground"}
+
+
+@pytest.mark.parametrize(
+    ("found", "target", "more"),
+    [
+        (set(), {"position": [12.0, -5.0]}, {"match_velocity": True}),
+        ({"target_velocity"}, {"position": [12.0 - TRIP.end, -5.0], "velocity": [1.0, 0.0]}, {"match_velocity": True}),
+        ({"target_position"}, {"position": [12.0, -5.0], "velocity": [0.0, 1e-3]}, {}),
+        (set(), {"position": [12.0, -5.0 - TRIP.end], "velocity": [0.0, 1.0]}, {"approach": [-0.1, 0.1]}),
+        (
+            {"target_approach"},
+            {"position": [12.0, -5.0 + TRIP.end], "velocity": [0.0, -1.0]},
+            {"approach": [-0.1, 0.1]},
+        ),
+    ],
+)
+def test_a_target_is_met_at_its_place_with_its_velocity_as_vectors(
+    found: set[str], target: dict[str, Any], more: dict[str, Any]
+) -> None:
+    goal = {"position": [1e8, 0.0], "target": {"motion": target}, "speed": None, "heading": None, **more}
+    assert broken({**DATA, "goal": goal}) == found
+
+
+def braking(brakes: float, until: float) -> Callable[[Array], Array]:
+    """Braking from 3 m/s to 1 m/s, and on."""
+
+    def position(t: Array) -> Array:
+        first = np.minimum(t, until)
+        x = 3.0 * first - 0.5 * brakes * first**2 + (3.0 - brakes * until) * np.maximum(t - until, 0.0)
+        return np.stack([x, np.zeros_like(x)], axis=1)
+
+    return position
+
+
+@pytest.mark.parametrize(
+    ("found", "brakes", "until"), [(set(), 2.0, 1.0), ({"speed"}, 1.9, 2.0 / 1.9), ({"speed"}, 2.0, 0.99)]
+)
+def test_a_limit_that_was_lowered_holds_as_soon_as_the_vehicle_can_keep_it(
+    found: set[str], brakes: float, until: float
+) -> None:
+    position = braking(brakes, until)
+    data = {
+        "vehicle": {**VEHICLE, "max_speed": 1.0},
+        "start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 3.0},
+        "goal": {"position": position(np.array([4.0]))[0].tolist()},
+    }
+    report = check_trip(data, position, 0.0, 4.0, lowered=True)
+    assert {each.name for each in report.violations} == found
+    assert "speed" in {each.name for each in check_trip(data, position, 0.0, 4.0).violations}
