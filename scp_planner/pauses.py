@@ -76,7 +76,7 @@ class Coroutine(Generic[T]):
         self._worker = _Worker(work)
 
     def resume(self, until: float) -> bool:
-        """Run up to the first pause after a wall time; return True if the work is done, raise its error if it failed."""
+        """Run up to the first pause after a wall time; return True if the work is done, or raise its error."""
         try:
             return self._worker.resume(until)
         except BaseException:  # the work must not go on beside its owner

@@ -146,7 +146,10 @@ class Routes:
             return f". {self.count} route{'' if self.count == 1 else 's'} round what stands, all tried"
         if not self.roadmap.clear(self.roadmap.ends[1:]):  # as is said of what covers it
             return ""
-        gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
+        try:
+            gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
+        except (OutOfTimeError, TooLargeError):
+            return ". No route leads to the goal"
         if gap is None:
             return ". No route leads to the goal, however small the vehicle"
         between = " and ".join(gap.between)
