@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextvars import copy_context
+from dataclasses import dataclass
 from threading import Semaphore, Thread, current_thread
 from time import perf_counter
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -15,6 +16,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 GoOn: TypeAlias = Callable[[], None]
 """Raises an error to end it all."""
 
+SEARCH_BYTES = 165_000_000  # that a search takes at most; all else of a plan has a bound of its own
 IN_A_ROW = 16  # of many things, until it is asked whether to go on: work on fewer of them is never ended
 
 T = TypeVar("T")
@@ -24,11 +26,39 @@ class OutOfTimeError(Exception):
     """The deadline passed before the work was done."""
 
 
+@dataclass
+class Budget:
+    """Time, nodes and memory that a search may take.
+
+    Parameters
+    ----------
+    deadline : float
+        Value of :func:`time.perf_counter` at which the search is given up, s.
+    nodes : float
+        Number of nodes that may still be made.
+    size : float
+        Memory that may still be taken, bytes.
+    """
+
+    deadline: float = math.inf
+    nodes: float = math.inf
+    size: float = SEARCH_BYTES
+
+    @property
+    def left(self) -> bool:
+        """True if there is time, and nodes and memory are left."""
+        return self.nodes > 0 and self.size > 0 and perf_counter() <= self.deadline
+
+    def check(self) -> None:
+        """Give up work that is late; suspend a coroutine whose slice has ended."""
+        pause()
+        if perf_counter() > self.deadline:
+            raise OutOfTimeError
+
+
 def look_at_the_clock(deadline: float) -> None:
     """Give up work that is late; suspend a coroutine whose slice has ended."""
-    pause()
-    if perf_counter() > deadline:
-        raise OutOfTimeError
+    Budget(deadline).check()
 
 
 class Coroutine(Generic[T]):
@@ -37,7 +67,8 @@ class Coroutine(Generic[T]):
     Parameters
     ----------
     work : callable
-        Must not hold this object, which ends the work when it is deleted. After an interrupt the work begins anew.
+        Must not hold this object, which ends the work when it is deleted. After an interrupt or an error the work
+        begins anew.
     """
 
     def __init__(self, work: Callable[[], T]) -> None:
@@ -45,7 +76,7 @@ class Coroutine(Generic[T]):
         self._worker = _Worker(work)
 
     def resume(self, until: float) -> bool:
-        """Run up to the first pause after a wall time; return True if the work is done."""
+        """Run up to the first pause after a wall time; return True if the work is done, or raise its error."""
         try:
             return self._worker.resume(until)
         except BaseException:  # the work must not go on beside its owner
@@ -55,9 +86,7 @@ class Coroutine(Generic[T]):
 
     @property
     def result(self) -> T:
-        """Result of the work that is done; raise the error that ended it."""
-        if self._worker.error is not None:
-            raise self._worker.error
+        """Result of the work that is done."""
         result: T = self._worker.result
         return result
 
@@ -90,8 +119,11 @@ class _Worker(Thread):
         self._until = until
         if self.ident is None:
             self.start()
-        self._own.release()
-        self._owners.acquire()
+        if not self._done:
+            self._own.release()
+            self._owners.acquire()
+        if self.error is not None:
+            raise self.error
         return self._done
 
     def pause(self) -> None:

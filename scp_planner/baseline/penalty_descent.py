@@ -11,6 +11,8 @@ import numpy as np
 from scp_planner.baseline.descent import DESCENT, CheckedDescent, Descent, checked_descent
 from scp_planner.baseline.descent_run import DescentSettings, DescentStatus
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.errors import TooLargeError
+from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.attempts import ATTEMPTS, Attempt, ReadyProblem, Search, Tally, met_what_was_left_out
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
@@ -72,9 +74,12 @@ def penalty_descent(
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
     go_on = None if time_limit is None else asked_for_time(time_limit, began)
-    inside = units.scenario(scenario, go_on)
-    tally = Tally("build", "search", "descent", "certificate")
-    zones, scene = tuple(ZonesOf(inside, go_on)), for_scene(settings, units)
+    tally, scene = Tally("build", "search", "descent", "certificate"), for_scene(settings, units)
+    try:
+        inside = units.scenario(scenario, go_on)
+        zones = tuple(ZonesOf(inside, go_on))
+    except OutOfTimeError as error:
+        raise TooLargeError(str(error)) from None
     with tally.timed("build"):
         ready = ReadyProblem.of(build_problem(inside, zones, scene))
     only = None if start is None else _as_start(ready.near, start, units)

@@ -41,6 +41,7 @@ class AlongRouteSettings:
     """Routes that need a guide of their own, and drives along them."""
 
     looks: float = 0.25  # units of length, between points of a route that are compared with a guide
+    most_looks: int = 1000  # of these: on longer routes they are farther apart
     aside: float = 0.5  # of the largest offset: as far is a route from a curved guide that serves it
     mended: float = 0.02  # violation of a run along a route, that stricter constraints may mend
     ways: int = 2  # round what stands beside a route, where a run along that failed
@@ -145,7 +146,10 @@ class Routes:
             return f". {self.count} route{'' if self.count == 1 else 's'} round what stands, all tried"
         if not self.roadmap.clear(self.roadmap.ends[1:]):  # as is said of what covers it
             return ""
-        gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
+        try:
+            gap, taken = widest_gap(self.roadmap), 2.0 * scenario.vehicle.radius
+        except (OutOfTimeError, TooLargeError):
+            return ". No route leads to the goal"
         if gap is None:
             return ". No route leads to the goal, however small the vehicle"
         between = " and ".join(gap.between)
@@ -181,16 +185,20 @@ def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    at = np.linspace(0.0, along[-1], max(2, round(along[-1] / ALONG.looks)) + 1)
+    at = np.linspace(0.0, along[-1], _looks(along[-1]) + 1)
     places = points_at(at, along, points)
     if guide.straight:
         least = cos(ALONG.steepest) * (at[1] - at[0])
         return bool(np.abs(places[:, 1]).max() <= largest and np.diff(places[:, 0]).min() >= least)
     least = cos(STEEPEST) * (at[1] - at[0])
-    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / ALONG.looks)) + 1)
+    stations = np.linspace(0.0, guide.length, _looks(guide.length) + 1)
     line = Line(guide.frame(stations).position)
     far = line.distances(places).max() > ALONG.aside * largest
     return not far and bool(np.diff(line.nearest(places)).min() >= least)
+
+
+def _looks(length: float) -> int:
+    return max(2, round(min(length / ALONG.looks, ALONG.most_looks)))
 
 
 class AlongGuide(Attempt[TripSearch, ScpRun]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf, pi, remainder
 from time import perf_counter
@@ -15,6 +16,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.mathematics.dubins import Pose, shortest_paths
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.pauses import Budget, OutOfTimeError
 from scp_planner.planning.plan import Plan
 from scp_planner.routes.manoeuvres import Manoeuvre, ManoeuvreSearch
 from scp_planner.routes.steered import STEERING, Drive, Steered, SteeredLeg, Steering
@@ -67,7 +69,7 @@ def may_back_up(scenario: Scenario) -> bool:
 def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None) -> Plan:
     """Plan the fastest trip of several legs, or of one ahead: whichever arrives first."""
     began = perf_counter()
-    search = LegSearch(scenario, plan_one, inf if time_limit is None else began + time_limit)
+    search = LegSearch(scenario, plan_one, Budget(inf if time_limit is None else began + time_limit))
     return replace(search.run(), planned=search.scenario, wall_time=perf_counter() - began)
 
 
@@ -107,12 +109,12 @@ class LegSearch:
         self,
         scenario: Scenario,
         plan_one: PlanOne,
-        deadline: float = inf,
+        budget: Budget | None = None,
         zones: Sequence[ThreatZone] | None = None,
     ) -> None:
         """Take a scenario with zones in its units; None: those that it tells of."""
         self.scenario = with_lines(scenario)
-        self.plan_one, self.deadline, self.zones = plan_one, deadline, zones
+        self.plan_one, self.budget, self.zones = plan_one, budget or Budget(), zones
         self.units = NaturalUnits.of(scenario)
         self.inside = self.units.scenario(self.scenario)
         self.curvature = self.inside.vehicle.max_curvature or 1.0 / self.inside.vehicle.radius
@@ -128,16 +130,20 @@ class LegSearch:
     @property
     def left(self) -> float | None:
         """Wall time that is left, s."""
-        return None if self.deadline == inf else max(self.deadline - perf_counter(), 1e-3)
+        return None if self.budget.deadline == inf else max(self.budget.deadline - perf_counter(), 0.0)
 
     def run(self) -> Plan:
         """Find the fastest trip of legs, or of one ahead."""
-        for at_start, at_goal in _turns(self.scenario):
-            self._keep(self._turned(at_start, at_goal))
-        if self.inside.vehicle.reverse is not None:
-            self._backing_up()
+        is_slower = False  # than a trip ahead may be
+        with suppress(OutOfTimeError):
+            for at_start, at_goal in _turns(self.scenario):
+                self._keep(self._turned(at_start, at_goal))
+            if self.inside.vehicle.reverse is not None:
+                self._backing_up()
+            best = self.best
+            is_slower = best is not None and _least_ahead(self.scenario) < best.travel_time and self._leads_ahead(best)
         best = self.best
-        if best is None or (_least_ahead(self.scenario) < best.travel_time and self._leads_ahead(best)):
+        if best is None or is_slower:
             alone = self.plan_one(ahead(self.scenario), self.left, best is None)
             self.iterations += alone.iterations
             if best is None or (alone.certified and alone.travel_time <= best.travel_time):
@@ -146,12 +152,12 @@ class LegSearch:
 
     def _backing_up(self) -> None:
         """Plan manoeuvres of the kinds that are found, or of others where those lead nowhere."""
-        search = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.deadline)
+        search = ManoeuvreSearch(self.inside, self.batch, self.curvature, self.budget)
         kinds = list[tuple[int, ...]]()
         for _ in range(LEGS.searches):
             manoeuvres = search.run(without=kinds)
             self._drives(manoeuvres)
-            if self.best is not None or not manoeuvres or perf_counter() > self.deadline:
+            if self.best is not None or not manoeuvres:
                 break
             kinds += [each.kind for each in manoeuvres]
 
@@ -161,7 +167,7 @@ class LegSearch:
             radius = self.batch.radius.copy()
             radius[self.batch.moving] += passing / self.curvature
             batch = replace(self.batch, radius=radius)
-            steering = Steering(self.inside, batch, self.radius, share * self.curvature)
+            steering = Steering(self.inside, batch, self.radius, share * self.curvature, self.budget)
             drives = [steering.among_standing(each) for each in manoeuvres]
             tried = self._tried.setdefault(share, [])
             self._plan_drives(steering, _others([each[-1] for each in drives], tried))
@@ -174,7 +180,7 @@ class LegSearch:
         """Plan the legs of drives, the fastest first, until other ones can gain little."""
         for drive in drives:
             known = inf if self.best is None else self.best.travel_time / self.units.time * (1.0 - LEGS.same)
-            if perf_counter() > self.deadline or drive.time >= known:
+            if drive.time >= known:
                 break
             legs = steering.improved(drive)
             if legs.good and legs.time < known:
@@ -192,7 +198,7 @@ class LegSearch:
         if self.inside.vehicle.reverse is None:
             return True
         alone = changed(self.inside, vehicle=changed(self.inside.vehicle, reverse=None))
-        search = ManoeuvreSearch(alone, self.batch, self.curvature, self.deadline)
+        search = ManoeuvreSearch(alone, self.batch, self.curvature, self.budget)
         return bool(search.run(than.travel_time / self.units.time))
 
     def _keep(self, made: Plan | None) -> None:
@@ -255,7 +261,7 @@ class LegSearch:
             begin = time + ((leg.slack if held else leg.wait) + delay * leg.time) * self.units.time
             made = self._from(leg, changed(start, time=begin), goal)
             touched = made.clearance.minimum < self.room * self.units.length and made.clearance.obstacle in moving
-            if made.certified or not touched or start.speed > 0.0 or perf_counter() > self.deadline:
+            if made.certified or not touched or start.speed > 0.0 or not self.budget.left:
                 break
         some = [each for each in (at_once, made) if each is not None and each.certified]
         return min(some, key=lambda each: each.arrival_time, default=None)

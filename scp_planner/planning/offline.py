@@ -12,7 +12,8 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import ground_bound, kinematic_bound
-from scp_planner.certificate.verdict import Certificate
+from scp_planner.certificate.verdict import Certificate, Clearance
+from scp_planner.pauses import OutOfTimeError
 from scp_planner.planning.along_routes import AlongGuide, OtherRoutes, Routes, along_a_guide, guide_on
 from scp_planner.planning.attempts import Attempt, Tally
 from scp_planner.planning.explain import Ending, explain
@@ -31,7 +32,7 @@ from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.preparation import asked_for_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.scale import OTHER_LENGTH, TRIP_LENGTH
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver
@@ -95,8 +96,7 @@ def plan(
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     TooLargeError
-        If it would take more than 500 MB, or its many obstacles cannot even be made ready in the time; with the
-        reason, and what to change.
+        If it would take more than 500 MB; with the reason, and what to change.
     """
     if time_limit is not None and not time_limit >= 0.0:
         raise ValueError(f"time_limit: {time_limit!r} must not be negative")
@@ -156,9 +156,21 @@ def planned(
         solver = "cvxpy"
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
-    call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough, threat_zones)
-    units = NaturalUnits.of(scenario, None if along is None else float(np.hypot(*np.diff(along, axis=0).T).sum()))
     check_obstacles(len(scenario.obstacles))
+    call = _Call(scenario, settings, began, time_limit, solver, constraints, thorough, threat_zones)
+    try:
+        return _searched(call, along, begin)
+    except OutOfTimeError as error:  # before all obstacles were ready: without them no trip is known to be safe
+        alone = replace(call, scenario=changed(scenario, obstacles=(), walls=()), time_limit=0.0, threat_zones=None)
+        found = _searched(replace(alone, began=perf_counter()), None, None)
+        unchecked = replace(found, status=PlanStatus.INFEASIBLE, reason=str(error), clearance=Clearance(-np.inf))
+        return replace(unchecked, planned=scenario, wall_time=perf_counter() - began)
+
+
+def _searched(call: _Call, along: Array | None, begin: Trip | None) -> Plan:
+    """Search for a trip, in units of the straight way, or of the route that is driven if that is far longer."""
+    scenario, began, constraints = call.scenario, call.began, call.constraints
+    units = NaturalUnits.of(scenario, None if along is None else float(np.hypot(*np.diff(along, axis=0).T).sum()))
     inside, task = call.task(units)
     if isinstance(task.threat_zones, ZonesOf):
         tell_of_discs(scenario.obstacles, task.threat_zones.of_others)

@@ -113,6 +113,7 @@ def from_trip(task: Task, trip: Trajectory) -> TripSearch:
     begin = Trajectory.of(runs.problem.space, theta, trip.beta, trip.travel_time)
     search = TripSearch(runs)
     search.best = runs.attempt(begin, loop=runs.patient_loop)
+    task.tally.tried["given trip"] += 1
     return search
 
 

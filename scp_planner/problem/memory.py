@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from scp_planner.errors import TooLargeError
+from scp_planner.pauses import SEARCH_BYTES
 from scp_planner.trips.space import SIZE
 
-SEARCH_BYTES = 165_000_000  # of a search on the largest grid, whose cells have a bound of their own
 MOST_BYTES = 500_000_000 - SEARCH_BYTES  # of all else of a plan
 _ENTRY_BYTES = 8
 _BEND_ENTRIES = 140  # of a span and a variable of a step: gradients of the arc length, rows of bends, all twice

@@ -1,4 +1,4 @@
-"""Time that it may take to make a scene ready; a scene that cannot be ready in time is refused."""
+"""Time that it may take to make a scene ready."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.errors import TooLargeError
-from scp_planner.pauses import GoOn
+from scp_planner.pauses import GoOn, OutOfTimeError
 
 PREPARING, LEAST_PREPARING = 0.85, 0.01  # of the time limit, and s: after that the rest is too little to plan in
 
@@ -20,7 +19,7 @@ def asked_for_time(limit: float, began: float) -> GoOn | None:
 
     def go_on() -> None:
         if perf_counter() > until:
-            raise TooLargeError(
+            raise OutOfTimeError(
                 f"time_limit: most of {limit:g} s is over before all obstacles are ready to be looked at, and without"
                 " them no trip is safe: with more time, fewer observations of each, fewer corners of polygons, or"
                 " without obstacles that are never met, it can be planned"

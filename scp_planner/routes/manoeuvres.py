@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from math import inf, pi, sqrt
-from time import perf_counter
+from math import ceil, inf, pi, sqrt
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index, unit_vectors
-from scp_planner.pauses import pause
+from scp_planner.pauses import Budget
 from scp_planner.routes.reeds_shepp import along, words
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -29,11 +28,16 @@ class SearchSettings:
     headings: int = 72  # cells of a turn
     cell: float = 0.6  # steps, of places
     raster: float = 0.2  # steps, between places where the room is known
+    tile: int = 16  # cells of the raster each way, that are filled together
+    fill: int = 2**14  # distances to zones between two looks at the clock
     around: float = 4.0  # radii, beyond start and goal, of the ground that is searched where there are no bounds
-    most_cells: int = 4_000_000
     most_nodes: int = 60_000
     more_nodes: int = 8_000  # after the first manoeuvre
     together: float = 4.0  # steps, by which poses that are looked at together differ
+    at_once: int = 2**12  # poses whose room is looked up, and whose curves to the goal are made, at once
+    stride: int = 9  # odd: every so many poses of a curve are looked at first, and those between where room is scarce
+    few: int = 64  # poses of a curve that are all looked at
+    most_looks: int = 2**19  # poses of a curve: where more have to be looked at, it is not followed
     slack: float = 0.25  # of the raster, by which what stands may be cut into: paths are moved out of it
     shots: int = 8  # poses of a round from which curves to the goal are tried
     of_each: int = 3  # curves of each of them
@@ -94,51 +98,109 @@ class Manoeuvre:
 
     @property
     def legs(self) -> tuple[tuple[Array, Array], ...]:
-        """Curvatures and lengths of the pieces between two stops, (q,) each."""
+        """Curvatures and lengths of the pieces between two stops, (q,) each; none of a vehicle that is there."""
+        if not len(self.lengths):
+            return ()
         cuts = np.flatnonzero(np.diff(np.sign(self.lengths))) + 1
         return tuple(zip(np.split(self.curvature, cuts), np.split(self.lengths, cuts), strict=True))
 
 
 class Room:
-    """Distance to all that stands, on a raster of places."""
+    """Distance to all that stands, on a raster of places that is filled, tile by tile, where it is asked for."""
 
-    def __init__(self, scenario: Scenario, zones: ZoneBatch, low: Array, high: Array, step: float) -> None:
+    def __init__(
+        self, scenario: Scenario, zones: ZoneBatch, ends: tuple[Array, Array], step: float, budget: Budget
+    ) -> None:
         """Take the zones that stand, already inflated by the vehicle's radius, in world coordinates."""
-        self._low, self._step, self._discs = low, step, np.array(scenario.vehicle.discs)
-        count = np.ceil((high - low) / step).astype(int) + 2
-        x, y = (low[k] + step * np.arange(count[k]) for k in (0, 1))
-        points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        room = np.full(len(points), inf)
-        if zones.size:
-            room = zones.distances(np.zeros(len(points)), points).min(axis=1)
-        if scenario.bounds is not None:
-            inner = np.minimum(points - scenario.bounds.min, scenario.bounds.max - points).min(axis=1)
-            room = np.minimum(room, inner - scenario.vehicle.radius)
-        self._room = np.minimum(room, 1e3 * step).reshape(tuple(count))
+        (self._low, high), self._step, self._budget = ends, step, budget
+        self._scenario, self._zones, self._discs = scenario, zones, np.array(scenario.vehicle.discs)
+        self._last = np.ceil((high - self._low) / step).astype(np.int64)
+        self._across = int(self._last[1]) // SEARCH.tile + 1
+        self._edge = np.arange(SEARCH.tile + 1)
+        self._most = int(budget.size) // (8 * len(self._edge) ** 2)
+        self._tiles = np.array([np.iinfo(np.int64).max])  # numbers of those that are known, and a last one
+        self._rows: Index = np.zeros(1, dtype=np.intp)  # of tiles in the array
+        self._room = np.empty((64, len(self._edge), len(self._edge)))
 
     def least(self, poses: Array) -> Array:
-        """Least room of the vehicle's discs at poses (..., 3), (...) m; negative beyond the raster."""
-        heading = poses[..., 2, None]
-        places = poses[..., None, :2] + self._discs[:, None] * unit_vectors(heading)
-        at = (places - self._low) / self._step
-        last = np.array(self._room.shape) - 2
-        cell = np.clip(at.astype(int), 0, last)
+        """Least room of the vehicle's discs at poses (n, 3), (n,) m; negative beyond the raster.
+
+        Distances of more than two cells of the raster are bounds from below.
+        """
+        found = [self._least(poses[k : k + SEARCH.at_once]) for k in range(0, len(poses), SEARCH.at_once)]
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def exact(self, poses: Array) -> Array:
+        """Least room of the discs at poses (n, 3), (n,) m, without the raster."""
+        places = self._places(poses).reshape(-1, 2)
+        rows = max(1, SEARCH.fill // max(self._zones.size, 1))
+        found = [self._distances(places[k : k + rows], inf) for k in range(0, len(places), rows)]
+        return np.concatenate(found).reshape(len(poses), -1).min(axis=1)
+
+    def _places(self, poses: Array) -> Array:
+        return poses[:, None, :2] + self._discs[:, None] * unit_vectors(poses[:, 2, None])
+
+    def _least(self, poses: Array) -> Array:
+        at = (self._places(poses) - self._low) / self._step
+        cell = np.clip(at.astype(np.int64), 0, self._last)
         x, y = np.moveaxis(at - cell, -1, 0)
-        i, j = np.moveaxis(cell, -1, 0)
-        room = (1.0 - x) * ((1.0 - y) * self._room[i, j] + y * self._room[i, j + 1])
-        room += x * ((1.0 - y) * self._room[i + 1, j] + y * self._room[i + 1, j + 1])
-        outside = (at < 0.0).any(axis=-1) | (at > last + 1).any(axis=-1)
+        tile, (i, j) = cell // SEARCH.tile, np.moveaxis(cell % SEARCH.tile, -1, 0)
+        k, known = self._rows_of(tile[..., 0] * self._across + tile[..., 1]), self._room
+        room = (1.0 - x) * ((1.0 - y) * known[k, i, j] + y * known[k, i, j + 1])
+        room += x * ((1.0 - y) * known[k, i + 1, j] + y * known[k, i + 1, j + 1])
+        outside = (at < 0.0).any(axis=-1) | (at > self._last + 1).any(axis=-1)
         least: Array = np.where(outside, -inf, room).min(axis=-1)
         return least
+
+    def _rows_of(self, tiles: Index) -> Index:
+        """Rows of tiles in the array, which is filled with those that are new."""
+        place = np.searchsorted(self._tiles, tiles)
+        new = self._tiles[place] != tiles
+        if new.any():
+            self._fill(np.unique(tiles[new]), tiles)
+            place = np.searchsorted(self._tiles, tiles)
+        return self._rows[place]
+
+    def _fill(self, new: Index, asked: Index) -> None:
+        """Add tiles; all but those that are asked for are forgotten before they take too much memory."""
+        count = len(self._tiles) - 1
+        if count + len(new) > self._most:
+            self._tiles, self._rows, count, new = self._tiles[-1:], self._rows[-1:], 0, np.unique(asked)
+        if count + len(new) > len(self._room):
+            self._room = np.concatenate([self._room, np.empty((max(len(self._room), len(new)), *self._room.shape[1:]))])
+        together = max(1, SEARCH.fill // (self._room[0].size * max(self._zones.size, 1)))
+        for first in range(0, len(new), together):
+            some = new[first : first + together]
+            corner = SEARCH.tile * np.stack(np.divmod(some, self._across), axis=1)
+            x, y = (self._low[k] + self._step * (corner[:, k, None] + self._edge) for k in (0, 1))
+            points = np.stack(np.broadcast_arrays(x[:, :, None], y[:, None, :]), axis=-1).reshape(-1, 2)
+            room = self._distances(points, 2.0 * self._step)
+            self._room[count + first : count + first + len(some)] = room.reshape(len(some), len(self._edge), -1)
+        tiles = np.concatenate([self._tiles, new])
+        rows = np.concatenate([self._rows, np.arange(count, count + len(new))])
+        order = np.argsort(tiles)
+        self._tiles, self._rows = tiles[order], rows[order]
+
+    def _distances(self, points: Array, exact_below: float) -> Array:
+        """Distances of points (n, 2) to zones and bounds, (n,) m; those above a length may be bounds from below."""
+        self._budget.check()
+        room, bounds = np.full(len(points), 1e3 * self._step), self._scenario.bounds
+        if self._zones.size:
+            room = np.minimum(room, self._zones.distances(np.zeros(len(points)), points, exact_below).min(axis=1))
+        if bounds is not None:
+            inner = np.minimum(points - bounds.min, bounds.max - points).min(axis=1)
+            room = np.minimum(room, inner - self._scenario.vehicle.radius)
+        return room
 
 
 class ManoeuvreSearch:
     """Search for manoeuvres of a scenario, among zones in world coordinates that are inflated by the radius."""
 
-    def __init__(self, scenario: Scenario, zones: ZoneBatch, curvature: float, deadline: float = inf) -> None:
+    def __init__(self, scenario: Scenario, zones: ZoneBatch, curvature: float, budget: Budget | None = None) -> None:
         start, goal = scenario.start, scenario.goal
         assert start.heading is not None, "manoeuvres begin with a heading"
-        self.deadline, self.drives = deadline, Drives.of(scenario, curvature)
+        self.scenario = scenario
+        self.budget, self.drives = budget or Budget(), Drives.of(scenario, curvature)
         self.first_ahead = start.speed > 0.0
         first = np.array([*start.position, start.heading])
         headings = [2.0 * pi * k / SEARCH.free_headings for k in range(SEARCH.free_headings)]
@@ -149,8 +211,8 @@ class ManoeuvreSearch:
         low, high = ends.min(axis=0) - around, ends.max(axis=0) + around
         if scenario.bounds is not None:
             low, high = np.maximum(low, scenario.bounds.min), np.minimum(high, scenario.bounds.max)
-        raster = max(SEARCH.raster * self.step, sqrt(float((high - low).prod()) / SEARCH.most_cells))
-        self.room = Room(scenario, zones.subset(zones.standing), low, high, raster)
+        raster = SEARCH.raster * self.step
+        self.room = Room(scenario, zones.subset(zones.standing), (low, high), raster, self.budget)
         self.slack, self._low = SEARCH.slack * raster, low
         self._count = np.ceil((high - low) / (SEARCH.cell * self.step)).astype(int) + 1
         # From the end that has less room: there are fewer ways out of it than into it
@@ -162,17 +224,17 @@ class ManoeuvreSearch:
             self.drives = Drives(drives.backwards, drives.ahead, drives.radius, drives.stop)
 
     def _room_at(self, pose: Array) -> float:
-        return float(self.room.least(pose[None])[0])
+        return float(self.room.exact(pose[None])[0])
 
     def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> list[Manoeuvre]:
         """Find the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster."""
         found: dict[tuple[int, ...], Manoeuvre] = {}
-        nodes = _Nodes(self.first)
-        best = np.full((*self._count, SEARCH.headings, 2), inf, dtype=np.float32)
+        nodes, best = _Nodes(self.first), dict[int, float]()
         waiting: Index = np.zeros(1, dtype=np.intp)
         each = len(self.goals)  # Headings that all curves from a node are tried for
         most = SEARCH.most_nodes // each
-        while len(waiting) and nodes.count < most and perf_counter() < self.deadline:
+        while len(waiting) and nodes.count < most:
+            self.budget.check()
             guess = nodes.guess[waiting]
             least = float(guess.min())
             if least > SEARCH.slower * known:
@@ -181,17 +243,17 @@ class ManoeuvreSearch:
             chosen, waiting = waiting[now], waiting[~now]
             order = chosen[np.argsort(nodes.guess[chosen], kind="stable")]
             for made in self._shots(nodes, order[: SEARCH.shots]):
-                if made.kind in without:
+                kind = made.kind
+                if not kind or kind in without:
                     continue
                 known = min(known, made.time)
-                if made.kind not in found or made.time < found[made.kind].time:
-                    found[made.kind] = made
+                if kind not in found or made.time < found[kind].time:
+                    found[kind] = made
             most = min(most, nodes.count + SEARCH.more_nodes // each) if found else most
             waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best)])
-            pause()
         return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]
 
-    def _expanded(self, nodes: _Nodes, chosen: Index, best: Array) -> Index:
+    def _expanded(self, nodes: _Nodes, chosen: Index, best: dict[int, float]) -> Index:
         """Add the poses a step on from some nodes; return those that are better than any before in their cells."""
         steps = [(turn, sign) for sign in (1.0, -1.0) for turn in (0.0, 1.0, -1.0) if self._speed(sign)]
         step, parent = np.repeat(np.array(steps), len(chosen), axis=0), np.tile(chosen, len(steps))
@@ -200,17 +262,19 @@ class ManoeuvreSearch:
             step, parent = step[some], parent[some]
         bend, length = step[:, 0] / self.drives.radius, step[:, 1] * self.step
         moved = np.stack([_moved(nodes.pose[parent], bend, share * length) for share in (0.5, 1.0)])
-        clear = (self.room.least(moved) >= -self.slack).all(axis=0)
+        clear = (self.room.least(moved.reshape(-1, 3)).reshape(2, -1) >= -self.slack).all(axis=0)
         poses, step, parent = moved[1][clear], step[clear], parent[clear]
         speed = np.where(step[:, 1] > 0.0, self.drives.ahead, self.drives.backwards)
         cost = nodes.cost[parent] + self.step / speed + self.drives.stop * (nodes.sign[parent] * step[:, 1] < 0.0)
         cell = ((poses[:, :2] - self._low) / (SEARCH.cell * self.step)).astype(int)
         heading = np.floor(poses[:, 2] / (2.0 * pi) * SEARCH.headings).astype(int) % SEARCH.headings
-        flat = np.ravel_multi_index((*cell.T, heading, (step[:, 1] > 0.0).astype(int)), best.shape)
+        shape = (*self._count.tolist(), SEARCH.headings, 2)
+        flat = np.ravel_multi_index((*cell.T, heading, (step[:, 1] > 0.0).astype(int)), shape)
         order = np.lexsort((cost, flat))
         first = order[np.unique(flat[order], return_index=True)[1]]
-        better = first[cost[first] < best.ravel()[flat[first]] - SAME * self.step]
-        best.ravel()[flat[better]] = cost[better]
+        known = np.array([best.get(cell, inf) for cell in flat[first].tolist()])
+        better = first[cost[first] < known - SAME * self.step]
+        best.update(zip(flat[better].tolist(), cost[better].tolist(), strict=True))
         left = self._least_left(poses[better], step[better, 1])
         return nodes.add(poses[better], cost[better], left, parent[better], step[better])
 
@@ -236,7 +300,11 @@ class ManoeuvreSearch:
 
     def _least_left(self, poses: Array, signs: Array) -> Array:
         """Time from poses to the goal over free ground, (n,) s."""
-        least: Array = self._times(self._words(poses)[1], signs).min(axis=1)
+        least, rows = np.empty(len(poses)), max(1, SEARCH.at_once // (4 * len(self.goals)))
+        for first in range(0, len(poses), rows):
+            self.budget.check()
+            some = slice(first, first + rows)
+            least[some] = self._times(self._words(poses[some])[1], signs[some]).min(axis=1)
         return least
 
     def _shots(self, nodes: _Nodes, chosen: Index) -> Iterator[Manoeuvre]:
@@ -256,10 +324,31 @@ class ManoeuvreSearch:
                     yield self._manoeuvre(nodes, node, curvature, driven)
 
     def _is_clear(self, pose: Array, curvature: Array, lengths: Array) -> bool:
-        count = max(2, int(np.ceil(np.abs(lengths).max() / self.step * 2.0)))
-        parts = np.repeat(lengths / count, count)
-        poses = _driven(pose, np.repeat(curvature, count), parts)
-        return bool((self.room.least(poses[1:]) >= -self.slack).all())
+        """True if there is room along pieces that begin with a pose.
+
+        Where there is more room than to the next poses that are looked at, those between are clear, too.
+        """
+        longest = float(np.abs(lengths).max())
+        count = max(2, ceil(longest / self.step * 2.0))
+        begins, total, stride = _driven(pose, curvature, lengths), count * len(lengths), 1
+        while SEARCH.few * stride < total:
+            stride *= SEARCH.stride
+        apart = longest / count * (1.0 + max(map(abs, self.scenario.vehicle.discs)) / self.drives.radius)
+        looks: Index = np.arange(stride // 2, total + stride // 2, stride)
+        while len(looks) <= SEARCH.most_looks:
+            piece, part = np.divmod(np.minimum(looks, total - 1), count)
+            poses = _moved(begins[piece], curvature[piece], (part + 1) / count * lengths[piece])
+            room = self.room.least(poses) if stride <= SEARCH.stride else self.room.exact(poses)
+            if (room < -self.slack).any():
+                return False
+            near = looks[room < (stride // 2) * apart]
+            if stride == 1 or not len(near):
+                return True
+            stride //= SEARCH.stride
+            between = stride * (np.arange(SEARCH.stride) - SEARCH.stride // 2)
+            looks = (near[:, None] + between).ravel()
+            looks = looks[(looks >= 0) & (looks < total + stride // 2)]
+        return False
 
     def _manoeuvre(self, nodes: _Nodes, node: int, curvature: Array, lengths: Array) -> Manoeuvre:
         steps = nodes.steps_to(node)

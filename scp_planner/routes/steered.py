@@ -16,7 +16,7 @@ from math import inf, pi
 import numpy as np
 
 from scp_planner.arrays import Array, Index, unit_vectors
-from scp_planner.pauses import pause
+from scp_planner.pauses import Budget
 from scp_planner.routes.manoeuvres import Manoeuvre
 from scp_planner.scenario.models import Scenario
 from scp_planner.solvers.interface import QuadraticProgram, SolverStatus, solver_named
@@ -77,8 +77,11 @@ class Steered:
 class Steering:
     """Improves manoeuvres of a scenario, among zones in world coordinates that are inflated by a radius, m."""
 
-    def __init__(self, scenario: Scenario, zones: ZoneBatch, radius: float, curvature: float) -> None:
+    def __init__(
+        self, scenario: Scenario, zones: ZoneBatch, radius: float, curvature: float, budget: Budget | None = None
+    ) -> None:
         self.scenario, self.zones, self.radius, self.curvature = scenario, zones, radius, curvature
+        self.budget = budget or Budget()
         self.solver = solver_named("daqp")
 
     def among_standing(self, manoeuvre: Manoeuvre) -> list[Drive]:
@@ -106,7 +109,7 @@ class Steering:
         """Go on from a drive, step by step, among some zones."""
         now, trust = replace(start, zones=zones), STEERING.trust
         for _ in range(STEERING.steps):
-            pause()
+            self.budget.check()
             step = self._step(now, trust)
             if step is None:
                 trust *= STEERING.shrunk
@@ -131,6 +134,7 @@ class Steering:
             return
         for place in np.flatnonzero(np.concatenate([among.most_slower, among.longest_waits])).tolist():
             for longer in np.linspace(0.0, STEERING.longest * drive.time, STEERING.tried)[1:]:
+                self.budget.check()
                 x = drive.x.copy()
                 x[len(x) - 2 * legs + place] = longer
                 waiting = replace(among, x=x)

@@ -100,5 +100,6 @@ def straight_travel_time(
     rise = (peak - start_speed) / a
     fall = 0.0 if end is None else max(peak - end, 0.0) / d
     driven = (peak**2 - start_speed**2) / (2 * a) + (0.0 if end is None else (peak**2 - end**2) / (2 * d))
-    cruise = max(length - driven, 0.0) / peak
+    rest = max(length - driven, 0.0)
+    cruise = rest / peak if rest > 0.0 else 0.0
     return rise + cruise + fall, (rise, rise + cruise)

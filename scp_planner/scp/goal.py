@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.parameters import LoopParameters
@@ -58,6 +60,7 @@ class Cutoff:
 
     time: float
     rival: Evaluation | None
+    samples: Array  # (n,) normalised times at which trips are compared with the rival
     parameters: LoopParameters
     steps: ArrivalSteps | None = None
 
@@ -79,5 +82,12 @@ class Cutoff:
         """True if a trip has come so near to the rival that it would end as that did."""
         if self.rival is None or trip.worst_violation > self.parameters.watch:
             return False
-        apart = trip.points.path.position - self.rival.points.path.position
+        apart = trip.points.path.position - self._rival_places
         return bool(np.abs(apart).max() < self.parameters.same_way)
+
+    @cached_property
+    def _rival_places(self) -> Array:
+        """Places of the rival at the samples, (n, 2): it may be a trip of other splines, with other samples."""
+        assert self.rival is not None
+        rival = self.rival.trajectory
+        return rival.at(rival.space.time_table(self.samples)).path.position

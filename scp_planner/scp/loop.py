@@ -67,7 +67,8 @@ class ScpLoop:
         """Improve a trip until it has converged."""
         tolerance = self.problem.settings.tolerance
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after, tolerance)
-        state = self.initialise(start, limits, Cutoff(cutoff, rival, self.parameters, self.steps), trust)
+        goal = Cutoff(cutoff, rival, self.problem.samples.sigma, self.parameters, self.steps)
+        state = self.initialise(start, limits, goal, trust)
         while state.number < max_iterations and not self.step(state):
             pass
         return self._finished(state)

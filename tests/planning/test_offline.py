@@ -8,8 +8,11 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
+from scp_planner.planning.along_routes import Routes
+from scp_planner.planning.offline import planned
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import arcs
@@ -230,3 +233,21 @@ def test_a_long_slow_place_is_driven_as_fast_with_little_jerk() -> None:
         assert plan.certified, plan.reason
         times.append(plan.travel_time)
     assert times[1] - times[0] < 1.4
+
+
+def test_a_trip_to_begin_with_that_leads_nowhere_is_explained() -> None:
+    begin = sp.plan(scene()).trip
+    found = planned(scene(disc("there", (20.0, 0.0))), begin=begin)
+    assert not found.certified and found.reason is not None
+    assert "1 given trip" in found.reason
+
+
+def test_the_widest_gap_is_not_told_where_there_is_no_time_to_find_it() -> None:
+    posts = [disc(f"o{k}", (10.0, 1.1 * k)) for k in range(-6, 7)]
+    shut = scene(*posts, bounds={"min": [-5.0, -6.0], "max": [25.0, 6.0]})
+    problem = build_problem(shut, sp.zones(shut), sp.Settings())
+    routes = Routes.of(problem, np.inf)
+    assert routes is not None and routes.next() is None
+    assert "the widest passage" in routes.told(shut, NaturalUnits.of(shut))
+    routes.roadmap.deadline = -1.0
+    assert routes.told(shut, NaturalUnits.of(shut)) == ". No route leads to the goal"

@@ -58,6 +58,19 @@ def test_a_run_from_a_path_that_is_no_path_ends(far: float) -> None:
     assert ScpLoop(PROBLEM, solver_named("daqp")).run(wild, 60).status is LoopStatus.SOLVER_FAILED
 
 
+@pytest.mark.parametrize("spans", [7, 11])
+def test_a_run_ends_where_it_goes_the_way_of_a_trip_of_other_splines(spans: int) -> None:
+    settings = sp.Settings(acceleration_spans=spans)
+    other = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), settings)
+    rival = ScpLoop(other, solver_named("daqp")).run(next(iter(arcs(other))), 60)
+    run = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60, rival=rival.evaluation)
+    assert run.status is LoopStatus.SAME_WAY
+    # between the samples that the two have in common it is the way of the rival, too
+    times = np.linspace(0.0, 1.0, 101)
+    ways = [each.trajectory.at(each.trajectory.space.time_table(times)) for each in (run.evaluation, rival.evaluation)]
+    assert np.abs(ways[0].path.position - ways[1].path.position).max() < LOOP.same_way * 1.1
+
+
 def test_a_run_goes_on_with_the_prices_of_another() -> None:
     first = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60)
     end, dear = first.evaluation, first.penalties.copied()

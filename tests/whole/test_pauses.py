@@ -33,10 +33,19 @@ def test_work_goes_on_where_it_was_left() -> None:
 
 
 def test_an_error_reaches_who_asked() -> None:
-    work = Coroutine(lambda: 1 // 0)
-    assert work.resume(perf_counter())
+    begun = list[int]()
+
+    def fail_at_first() -> int:
+        begun.append(len(begun))
+        return 1 // begun[-1]
+
+    before = threads()
+    work = Coroutine(fail_at_first)
     with pytest.raises(ZeroDivisionError):
-        print(work.result)
+        work.resume(perf_counter())
+    assert work.resume(perf_counter()) and work.result == 1, "it is not waited for again, but begins anew"
+    assert work.resume(perf_counter()), "what is done is not waited for, either"
+    assert threads_end(before)
 
 
 def test_work_that_nobody_wants_ends() -> None:
