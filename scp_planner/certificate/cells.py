@@ -12,7 +12,6 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.checked_trip import PIECES, Checked, EnclosedT
 from scp_planner.certificate.clearance import EFFORT, Kept, least_clearance
 from scp_planner.certificate.enclosures import Pieces, VehicleDisc
-from scp_planner.certificate.tolerances import LENGTH_TOLERANCE
 from scp_planner.certificate.verdict import Clearance, Violation
 from scp_planner.mathematics.occupancy import NAME, OccupancyMap
 from scp_planner.threat_zones.bounds import MovingPoint
@@ -126,7 +125,7 @@ def _clear_of_cells(
         worst = int(np.argmin(value))
         if value[worst] < least:
             least, at = float(value[worst]), float(pieces.middle[worst])
-        if not least >= -LENGTH_TOLERANCE:
+        if not least >= -checked.slack:
             break
         done = (lower >= 0.0) & (lower >= least - precision)
         certified = min(certified, float(lower[done].min(initial=np.inf)))
@@ -136,7 +135,7 @@ def _clear_of_cells(
             break
         pieces = pieces.cut(~done, 4)
         disc = checked.enclosed(pieces).disc(offset)
-    touched = Violation("clearance", least, 0.0, checked.absolute(at), NAME)
+    touched = Violation("clearance", least, 0.0, checked.absolute(at), NAME, checked.slack)
     return Kept(Clearance(least, NAME, checked.absolute(at)), (touched,))
 
 

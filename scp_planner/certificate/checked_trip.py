@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosed, Enclosure, Pieces
-from scp_planner.certificate.tolerances import REPORT_PRECISION, SHORTEST_CHECK
+from scp_planner.certificate.tolerances import LENGTH_TOLERANCE, REPORT_PRECISION, SHORTEST_CHECK, TripUnit
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.pauses import look_at_the_clock
@@ -70,6 +70,12 @@ class Checked(ABC, Generic[EnclosedT]):
     scenario: Scenario
     batch: ZoneBatch  # The zones in the motion's frame, inflated by the vehicle's radius
     first: float  # From when on it is checked
+    unit: TripUnit  # Of tolerances: by the distance that is driven
+
+    @property
+    def slack(self) -> float:
+        """Tolerance of clearances, in units of the scenario."""
+        return LENGTH_TOLERANCE * self.unit.length
 
     @property
     @abstractmethod
@@ -123,13 +129,17 @@ class CheckedTrip(Checked[Enclosure]):
     batch: ZoneBatch
     first: float  # From when to when it is checked, in normalised time
     last: float  # From when to when it is checked, in normalised time
+    unit: TripUnit
     start_speed: float  # Driving faster than allowed at the start is the scenario's business, not the plan's
     tube: TrackingTube | None = None  # Round the trip, in which the vehicle stays
     deadline: float = np.inf  # Value of :func:`time.perf_counter` at which the check is given up
 
     @classmethod
-    def of(cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, scope: Scope = WHOLE) -> CheckedTrip:
-        """Return what is checked of a trip."""
+    def of(
+        cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, scope: Scope = WHOLE, unit: TripUnit | None = None
+    ) -> CheckedTrip:
+        """Return what is checked of a trip, by tolerances of a unit; by default of that of the trip alone."""
+        unit = unit or TripUnit.of_trips(scenario, [trip])
         first, last, start_speed = 0.0, 1.0, scenario.start.speed
         begin, duration = trip.frame.time, trip.trajectory.travel_time
         if scope.since is not None:
@@ -137,7 +147,7 @@ class CheckedTrip(Checked[Enclosure]):
             start_speed = trip.trajectory.space.start_speed
         if scope.until is not None:
             last = min(max((scope.until - begin) / duration, first + SHORTEST_CHECK), 1.0)
-        return cls(scenario, trip, batch, first, last, start_speed, scope.tube, scope.deadline)
+        return cls(scenario, trip, batch, first, last, unit, start_speed, scope.tube, scope.deadline)
 
     def go_on(self) -> None:
         look_at_the_clock(self.deadline)

@@ -12,7 +12,7 @@ from scp_planner.arrays import Index, rows_of
 from scp_planner.certificate.bounding import Bounded, largest
 from scp_planner.certificate.checked_trip import PIECES, Checked, EnclosedT
 from scp_planner.certificate.enclosures import Pieces, VehicleDisc
-from scp_planner.certificate.tolerances import END_TOLERANCE, LENGTH_TOLERANCE
+from scp_planner.certificate.tolerances import END_TOLERANCE
 from scp_planner.certificate.verdict import Clearance, Violation
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import DistanceBounds, ZoneBounds
@@ -132,7 +132,7 @@ class _Search(Generic[EnclosedT]):
             value = float(values[worst])
             if value < nearest.distance:
                 nearest = _Nearest(value, float(pieces.middle[left.interval[worst]]), int(left.zone[worst]))
-            if not nearest.distance >= -LENGTH_TOLERANCE:
+            if not nearest.distance >= -self.checked.slack:
                 return _Bound(nearest.distance, nearest)
             if not np.isfinite(value):
                 break
@@ -172,7 +172,7 @@ class _Search(Generic[EnclosedT]):
         time, obstacle = self.checked.absolute(nearest.sigma), self.batch.ids[nearest.zone]
         if bound.certified >= 0.0:
             return Kept(Clearance(bound.certified, obstacle, time))
-        touched = Violation("clearance", nearest.distance, 0.0, time, obstacle)
+        touched = Violation("clearance", nearest.distance, 0.0, time, obstacle, self.checked.slack)
         return Kept(Clearance(nearest.distance, obstacle, time), (touched,))
 
 
@@ -192,5 +192,5 @@ def leaves_bounds(checked: Checked[EnclosedT], pieces: Pieces, enclosed: Enclose
         lower -= (disc.most_off - disc.off)[:, None]
         return Bounded(-inside.min(axis=1), -lower.min(axis=1))
 
-    found = largest(checked, pieces, enclosed, END_TOLERANCE, beyond, parts=2)
+    found = largest(checked, pieces, enclosed, END_TOLERANCE * checked.unit.length, beyond, parts=2)
     return None if found.kept else checked.broken("workspace bounds", -found.value, 0.0, found.when)

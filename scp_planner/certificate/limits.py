@@ -140,7 +140,7 @@ def _speed_limit(checked: Checked[EnclosedT], name: str, part: Stretch, pieces: 
         fast = pace.fastest > allowed
         fast[fast] = part.line.may_be_between(
             position[fast],
-            (pace.fastest * pace.half)[fast] + END_TOLERANCE,
+            (pace.fastest * pace.half)[fast] + END_TOLERANCE * checked.unit.length,
             part.first,
             part.last,
             None if about is None else about[fast],

@@ -8,11 +8,12 @@ from math import pi
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Mask, unit_vectors
 from scp_planner.certificate.tolerances import END_TOLERANCE, ROUNDING
 from scp_planner.certificate.verdict import PASSED, Violation
 from scp_planner.scenario.models import Order, Passage, Scenario
 from scp_planner.threat_zones.target import TargetMotion
+from scp_planner.trips.legs import Legs
 from scp_planner.trips.trip import Trip
 
 
@@ -40,10 +41,13 @@ class Pass:
     passed: bool
 
 
-def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tuple[Pass, ...]:
+def passes(
+    motion: Motion, begin: float, end: float, scenario: Scenario, tolerance: float = END_TOLERANCE
+) -> tuple[Pass, ...]:
     """Pass the places of a scenario between two times; the last pass may be one of a place that is missed.
 
-    Each is passed after those before it, or, in the fastest order, whenever that is first possible.
+    Each is passed after those before it, or, in the fastest order, whenever that is first possible; radii are kept to a
+    tolerance, m.
     """
     found, since = list[Pass](), begin
     for number, asked in enumerate(scenario.goals):
@@ -63,23 +67,26 @@ def passes(motion: Motion, begin: float, end: float, scenario: Scenario) -> tupl
             low, high = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
             time = _nearest(motion, asked, target, float(low), float(high))
             near, turned = _seen(motion, asked, target, np.array([time]))
-            passed = bool(turned[0]) and near[0] <= radius + END_TOLERANCE and first <= time <= last
+            passed = bool(turned[0]) and near[0] <= radius + tolerance and first <= time <= last
             found.append(Pass(number, time, float(near[0]), passed))
         if not found[-1].passed:
             break
     return tuple(found)
 
 
-def passes_of(trip: Trip, scenario: Scenario, since: float | None = None) -> tuple[Pass, ...]:
-    """Pass the places of a scenario on a trip, from an absolute time on, s."""
-    begin, end = trip.frame.time, trip.frame.time + trip.trajectory.travel_time
+def passes_of(
+    driven: Trip | Legs, scenario: Scenario, since: float | None = None, tolerance: float = END_TOLERANCE
+) -> tuple[Pass, ...]:
+    """Pass the places of a scenario on a trip, or on legs, from an absolute time on, s."""
+    legs = driven if isinstance(driven, Legs) else Legs.of(driven)
+    begin, end = legs.first.time, legs.last.time
     begin = begin if since is None else min(max(begin, since), end)
 
     def motion(times: Array) -> tuple[Array, Array]:
-        points, _ = trip.at(times)
-        return trip.frame.to_world(points.path.position), trip.frame.vectors_to_world(points.path.direction)
+        poses = legs.poses(times)
+        return poses[:, :2], unit_vectors(poses[:, 2])
 
-    return passes(motion, begin, end, scenario)
+    return passes(motion, begin, end, scenario, tolerance)
 
 
 def places_missed(found: Sequence[Pass], scenario: Scenario) -> Iterator[Violation]:

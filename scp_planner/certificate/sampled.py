@@ -13,18 +13,18 @@ from scp_planner.certificate.cells import clearance_kept
 from scp_planner.certificate.checked_trip import Checked, Finding
 from scp_planner.certificate.clearance import leaves_bounds
 from scp_planner.certificate.enclosures import Pieces
-from scp_planner.certificate.ends import (
-    EndState,
-    beside_corridor,
-    goal_violations,
-    sets_out_backwards,
-    start_violations,
-)
+from scp_planner.certificate.ends import Course, EndState, beside_corridor
 from scp_planner.certificate.limits import speed_limits_found
-from scp_planner.certificate.passing import passes, places_missed
+from scp_planner.certificate.passing import passes
 from scp_planner.certificate.sampled_pieces import EnclosedSamples, PieceVelocities, first_pieces
-from scp_planner.certificate.tolerances import RELATIVE_TOLERANCE, REPORT_PRECISION, STANDING_TURN
-from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, Violation
+from scp_planner.certificate.tolerances import (
+    END_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    REPORT_PRECISION,
+    STANDING_TURN,
+    TripUnit,
+)
+from scp_planner.certificate.verdict import BEYOND_ZONES, Certificate, Clearance, Ends, Violation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
@@ -45,7 +45,7 @@ def certify_samples(
     scenario: Scenario, samples: SampledTrajectory, threat_zones: Sequence[ThreatZone] | None = None
 ) -> Certificate:
     """Check samples of a trip against a scenario, in continuous time."""
-    units = NaturalUnits.to_check(scenario)
+    units = NaturalUnits.to_check(scenario, _length(samples))
     inside, given = units.scenario(scenario), samples.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     end, known = float(given.time[-1]), known_until(found)
@@ -67,6 +67,8 @@ class _CheckedSamples(Checked[EnclosedSamples]):
         self.motion = SampledMotion.between(samples, found)
         self.pieces = PieceVelocities.of(self.motion)
         self.first = float(self.motion.begin[0])
+        top = float(np.hypot(*np.concatenate([self.pieces.first, self.pieces.last]).T).max())
+        self.unit = TripUnit.of(scenario, _length(samples), samples.travel_time, top)
 
     @property
     def frame(self) -> PlanningFrame:
@@ -108,30 +110,18 @@ class _CheckedSamples(Checked[EnclosedSamples]):
 
     def _ends(self) -> Iterator[Violation]:
         motion, pieces = self.motion, self.pieces
-        first = EndState(
-            float(motion.begin[0]),
-            _pair(motion.position[0]),
-            pieces.heading(0),
-            float(np.hypot(*motion.velocity[0])),
-            float(pieces.acceleration_at_begin[0]),
-        )
-        last = EndState(
-            float(motion.end[-1]),
-            _pair(motion.position[-1]),
-            pieces.heading(-1),
-            float(np.hypot(*motion.velocity[-1])),
-            float(pieces.acceleration_at_end[-1]),
-        )
+        speeds = [float(np.hypot(*velocity)) for velocity in (motion.velocity[0], motion.velocity[-1])]
+        rates = float(pieces.acceleration_at_begin[0]), float(pieces.acceleration_at_end[-1])
+        times, places = (float(motion.begin[0]), float(motion.end[-1])), (motion.position[0], motion.position[-1])
+        first, last = (EndState(times[k], _pair(places[k]), pieces.heading(-k), speeds[k], rates[k]) for k in (0, 1))
         wanted = self.scenario.start.heading
         if wanted is not None and first.speed == 0.0:
             missed = abs(np.remainder(first.heading - wanted + np.pi, 2.0 * np.pi) - np.pi)
             if missed <= STANDING_TURN:
-                first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
-        backwards = sets_out_backwards(self.scenario, first)
-        yield from start_violations(self.scenario, first)
-        yield from places_missed(passes(motion.at, first.time, last.time, self.scenario), self.scenario)
-        yield from goal_violations(self.scenario, last, first.time, backwards)
-        beside = beside_corridor(self.scenario, first.time, first.position, first.heading)
+                first = replace(first, heading=wanted)
+        passed = passes(motion.at, *times, self.scenario, END_TOLERANCE * self.unit.length)
+        yield from Course([first, first, last, last]).broken(self.scenario, Ends.BOTH, passed, self.unit)
+        beside = beside_corridor(self.scenario, first, self.unit)
         if beside is not None:
             yield beside
 
@@ -213,6 +203,10 @@ class _CheckedSamples(Checked[EnclosedSamples]):
         """Use of a limit by a quantity times a sign."""
         kept = value <= limit * (1.0 + RELATIVE_TOLERANCE)
         return self.finding(name, sign * value, sign * limit, time, kept=kept)
+
+
+def _length(samples: SampledTrajectory) -> float:
+    return float(np.hypot(*np.diff(samples.position, axis=0).T).sum())
 
 
 def _pair(point: Array) -> tuple[float, float]:

@@ -77,6 +77,8 @@ UNITS = {
     "distance beyond the path": "m",
     "error of the positions": "m",
     "distance from the start": "m",
+    "gap between legs": "m",
+    "overlap of legs": "s",
     "distance from the goal": "m",
     "distance from the goal region": "m",
     PASSED: "m",
@@ -163,9 +165,9 @@ class Violation:
         return f"{self.what}{whom} {found} at t = {self.time:.3f} s, allowed {allowed}"
 
 
-def off_a_step(step: float) -> float:
-    """By how much an arrival may miss a step of time, of the same unit."""
-    return min(LARGEST_OFF_STEP, STEP_TOLERANCE * step)
+def off_a_step(step: float, unit: float = 1.0) -> float:
+    """By how much an arrival may miss a step of time, of the same unit as that of the trip's unit of time."""
+    return min(LARGEST_OFF_STEP * unit, STEP_TOLERANCE * step)
 
 
 @dataclass(frozen=True)

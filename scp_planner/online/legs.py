@@ -14,8 +14,6 @@ import numpy as np
 
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
-from scp_planner.certificate.legs import certify_legs
-from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.means import Means, Replan
@@ -276,11 +274,9 @@ class LegsAhead:
         position, _, _ = follow[0].state(follow[0].begin)
         start = changed(self.asked.start, time=begin.time, position=position, heading=begin.heading, speed=0.0)
 
-        def check(scene: Scenario, trip: Trip, scope: Scope) -> Certificate:
-            return certify_trip(scene, trip, moment.zones, replace(scope, tube=moment.tube))
-
         scene = changed(self.asked, start=changed(start, acceleration=None))
-        return certify_legs(scene, Legs(follow, begin, _end(follow[-1])), Scope(precision=math.inf), check).holds
+        scope = Scope(precision=math.inf, tube=moment.tube)
+        return certify_trip(scene, Legs(follow, begin, _end(follow[-1])), moment.zones, scope).holds
 
 
 def _at(trip: Trip, time: float) -> Trip:

@@ -14,7 +14,7 @@ from scp_planner.certificate.tolerances import END_TOLERANCE
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.target import TargetMotion
-from scp_planner.trips.trip import Trip
+from scp_planner.trips.legs import Legs
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ def meeting(scenario: Scenario, plan: HasTrip) -> Meeting:
     ValueError
         If the goal of the scenario has no target.
     """
-    target, trip = TargetMotion.of(scenario), plan.trip
+    target, legs = TargetMotion.of(scenario), _legs(plan)
     if target is None:
         raise ValueError("scenario.goal.target: null; the goal of this scenario stands")
-    return _met(scenario, trip, trip.frame.time + trip.trajectory.travel_time, target, scenario.goal.radius)
+    return _met(scenario, legs, legs.last.time, target, scenario.goal.radius)
 
 
 def meetings(scenario: Scenario, plan: HasTrip) -> dict[int, Meeting]:
@@ -81,20 +81,23 @@ def meetings(scenario: Scenario, plan: HasTrip) -> dict[int, Meeting]:
         By the number of each of ``goals``, the first one 0, in the order in which they are passed.
     """
     found = dict[int, Meeting]()
-    for one in sorted(passes_of(plan.trip, scenario), key=lambda one: one.time):
+    for one in sorted(passes_of(_legs(plan), scenario), key=lambda one: one.time):
         if one.passed:
             goal = scenario.goals[one.number]
             target = TargetMotion.met(scenario, goal)
-            found[one.number] = _met(scenario, plan.trip, one.time, target, goal.within(scenario.vehicle))
+            found[one.number] = _met(scenario, _legs(plan), one.time, target, goal.within(scenario.vehicle))
     return found
 
 
-def _met(scenario: Scenario, trip: Trip, time: float, target: TargetMotion, radius: float) -> Meeting:
-    points, _ = trip.at(np.array([time]))
-    away = trip.frame.to_world(points.path.position)[0] - np.array(target.place(time))
+def _legs(plan: HasTrip) -> Legs:
+    return getattr(plan, "legs", None) or Legs.of(plan.trip)
+
+
+def _met(scenario: Scenario, legs: Legs, time: float, target: TargetMotion, radius: float) -> Meeting:
+    away = legs.poses(time)[:2] - np.array(target.place(time))
     distance, covariance = float(np.hypot(*away)), target.covariance(time)
     if covariance is None:
-        certain = float(distance <= radius + END_TOLERANCE * NaturalUnits.of(scenario).length)
+        certain = float(distance <= radius + END_TOLERANCE * NaturalUnits.to_check(scenario, legs.length).length)
         return Meeting(time, target.place(time), target.velocity(time), distance, certain)
     return Meeting(time, target.place(time), target.velocity(time), distance, within(radius, away, covariance))
 

@@ -10,6 +10,7 @@ from scp_planner.units import Units
 
 TRIP_LENGTH = 20.0  # units of length
 TOP_SPEED = 3.0  # units of length in a unit of time
+SHORTEST_TRIP = 1e-3  # radii of the vehicle; a goal where it stands is not the scale of anything
 OTHER_LENGTH = 2.0  # times or parts of the straight way, from which on a trip's own length is the scale
 LOOPS = 4.0 * pi  # radii, beyond which no shortest way is so much longer than the straight one
 UNIT_BITS, FEWEST_UNIT_BITS = 46, 36  # of a unit: as many as a scene tells; the fewer, the farther away it is moved
@@ -22,6 +23,7 @@ def units_of(scenario: Any, trip: float | None = None) -> Units:
         line = scenario.guide or (scenario.goal.position,)
         trip = max(dist(start.position, point) for point in line)  # however winding it is
         trip = _loop(scenario, trip) or trip
+    trip = max(trip, SHORTEST_TRIP * vehicle.radius)
     away = frexp(max(map(abs, start.position)) / trip)[1]
     bits = min(max(UNIT_BITS - away, FEWEST_UNIT_BITS), UNIT_BITS)
     length = _short(trip / TRIP_LENGTH, bits)

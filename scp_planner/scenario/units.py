@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
+from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from scp_planner.pauses import GoOn, with_pauses
-from scp_planner.scenario.scale import units_of
+from scp_planner.scenario.scale import OTHER_LENGTH, TRIP_LENGTH, units_of
 from scp_planner.scenario.validation import Part
 from scp_planner.units import Units, over
 
@@ -32,12 +33,12 @@ class NaturalUnits(Units):
         return cls(found.length, found.time, found.origin, found.clock)
 
     @classmethod
-    def to_check(cls, scenario: Scenario, trip: float | None = None) -> NaturalUnits:
-        """Return units to check any plan in; of one that has several legs by its length, m."""
-        units, radius = cls.of(scenario, trip), scenario.vehicle.radius
-        if radius <= units.length:
-            return units
-        return replace(units, length=radius, time=units.time * (radius / units.length))
+    def to_check(cls, scenario: Scenario, driven: float) -> NaturalUnits:
+        """Return units to check a plan in: of the scene, or by the distance that is driven, m, if that is another."""
+        length = max(driven if 0.0 <= driven < inf else 0.0, TRIP_LENGTH * scenario.vehicle.radius)
+        units = cls.of(scenario)
+        alike = 1.0 / OTHER_LENGTH <= length / (TRIP_LENGTH * units.length) <= OTHER_LENGTH
+        return units if alike else cls.of(scenario, length)
 
     @property
     def inverse(self) -> NaturalUnits:

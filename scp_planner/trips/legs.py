@@ -46,6 +46,10 @@ class Leg:
         direction = self.trip.frame.vectors_to_world(points.path.direction)
         return np.arctan2(*(-direction if self.backward else direction).T[::-1])
 
+    def pose(self, points: TripPoints) -> Array:
+        """Positions in world coordinates, m, and headings of the vehicle, rad, at n points of the trip, (n, 3)."""
+        return np.column_stack([self.trip.frame.to_world(points.path.position), self.heading(points)])
+
     def state(self, t: float) -> tuple[Point, float, float]:
         """Position in world coordinates, m, heading of the vehicle, rad, and speed, m/s, at an absolute time, s."""
         points, _ = self.trip.at(t)
@@ -104,6 +108,13 @@ class Legs:
     def length(self) -> float:
         """Distance that is driven, m."""
         return sum(leg.trip.trajectory.path.arc_length for leg in self.legs)
+
+    @classmethod
+    def of(cls, trip: Trip) -> Legs:
+        """Return a trip as the only leg."""
+        leg = Leg(trip)
+        first, last = (Stand(time, leg.state(time)[1]) for time in (leg.begin, leg.end))
+        return cls((leg,), first, last)
 
     @property
     def pauses(self) -> tuple[Pause, ...]:
@@ -164,8 +175,14 @@ class Legs:
 
     def heading(self, t: ArrayLike) -> Array:
         """Headings of the vehicle at absolute times, (...) s to (...) rad in (-pi, pi]."""
+        heading: Array = self.poses(t)[..., 2]
+        return heading
+
+    def poses(self, t: ArrayLike) -> Array:
+        """Positions in world coordinates, m, and headings, rad, at absolute times, (...) s to (..., 3)."""
         times = np.asarray(t, dtype=float)
-        found = self.told(times, lambda leg, points: leg.heading(points))
+        poses = self.told(times, Leg.pose)
+        found = poses[..., 2]
         for pause in self.pauses:
             duration = pause.end.time - pause.begin.time
             there = (times > pause.begin.time) & (times < pause.end.time)
@@ -173,7 +190,8 @@ class Legs:
             found = np.where(there, pause.begin.heading + share * pause.turn, found)
         found = np.where(times >= self.last.time, self.last.heading, found)
         found = np.where(times <= self.first.time, self.first.heading, found)
-        return np.arctan2(np.sin(found), np.cos(found))
+        poses[..., 2] = np.arctan2(np.sin(found), np.cos(found))
+        return poses
 
     def _index(self, times: Array) -> Index:
         begins = np.array([leg.begin for leg in self.legs])

@@ -183,6 +183,11 @@ class Trajectory:
         driven: Array = evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma
         return driven
 
+    @property
+    def driven_length(self) -> float:
+        """Distance that is driven in all, m: less than the path is long if the trip stops on its way."""
+        return float(self.distance_at(np.ones(1))[0])
+
     def drive_at(self, sigma: Array) -> DriveSamples:
         """Return the motion along the path at normalised times, (n,); as in :meth:`at`, but without a table."""
         span, x = self.space.acceleration.locate(sigma)
