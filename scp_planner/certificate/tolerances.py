@@ -1,7 +1,7 @@
 """Tolerances that a certificate grants, and rounding that it allows for; in natural units if not said."""
 
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
-BRAKING_SHARE = 0.999  # of the strongest braking: by so much an excess may fall slower, as planners keep a margin
+BRAKING_SHARE = 0.99  # of the strongest braking: an excess may fall by so much slower, as planners keep a margin
 END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
 GOAL_SPEED_TOLERANCE = 1e-3  # units of speed, of which the highest has three
 LENGTH_TOLERANCE = 1e-9  # units of length: of clearances, and of positions against the trip that is certified

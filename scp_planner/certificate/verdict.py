@@ -105,6 +105,17 @@ UNITS = {
     "curvature_rate": "1/(m s)",
 }
 """Units of violations; excesses over users' own constraints have none."""
+LIMITS = (
+    "speed",
+    "speed_limits",
+    "acceleration",
+    "lateral_acceleration",
+    "total_acceleration",
+    "jerk",
+    "curvature",
+    "curvature_rate",
+    "power",
+)
 
 
 @dataclass(frozen=True)
@@ -154,6 +165,11 @@ class Violation:
         """Unit of value and allowed, after a space; empty without one."""
         unit = UNITS.get(self.what.partition("[")[0])
         return "" if unit is None else f" {unit}"
+
+    @property
+    def is_of_limit(self) -> bool:
+        """True if a limit of the vehicle, or of the speed at a place, is not kept."""
+        return self.what.partition("[")[0] in LIMITS
 
     def __str__(self) -> str:
         whom = f" to {self.obstacle}" if self.obstacle is not None else ""

@@ -113,6 +113,9 @@ class Evasion:
         now.lap("evasion")
         for each, harm in zip(others, trips.expected.tolist(), strict=True):
             self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)
+        harmless = np.where(harms <= EVASION.even, trips.driven, np.inf)
+        if np.isfinite(harmless).any():  # until a contact is to be feared, who brakes first can do the most about it
+            return others[int(harmless.argmin())]
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         if goes_on and EVASION.steady * harms[0] <= of_manoeuvres.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
@@ -131,6 +134,10 @@ class Evasion:
 
     def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
         return self._gone_on_with(now, self._seen_of(now, stop), stop)
+
+    def stays_clear(self, now: Replan, stop: Stop) -> bool:
+        """True if a stop, and the stand after it, is clear for as long as manoeuvres are looked ahead."""
+        return bool(np.isinf(self._seen_of(now, stop).clear[0]))
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
         view = self._looked(now)
