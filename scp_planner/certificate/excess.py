@@ -37,9 +37,11 @@ class HardestStop:
             jerk = BRAKING_SHARE * vehicle.max_jerk
             peak = min(most, np.sqrt(jerk * speed + 0.5 * acceleration**2))
             rise, turn = max(acceleration, 0.0), min(acceleration, 0.0)
-            lost = peak**2 / (2.0 * jerk) + 0.5 * (peak - turn) * abs(peak + turn) / jerk - rise**2 / (2.0 * jerk)
+            # Brakes that are on too hard are eased with the largest jerk: slower would brake more.
+            ramp = abs(peak + turn) / (jerk if turn > -peak else vehicle.max_jerk)
+            lost = peak**2 / (2.0 * jerk) + 0.5 * (peak - turn) * ramp - rise**2 / (2.0 * jerk)
             hold = max(speed - lost, 0.0) / max(peak, 1e-300)
-            duration = np.array([0.0, rise / jerk, abs(peak + turn) / jerk, hold, peak / jerk])
+            duration = np.array([0.0, rise / jerk, ramp, hold, peak / jerk])
             values = np.array([acceleration, turn, -peak, -peak, 0.0])
         gained = 0.5 * (values[1:] + values[:-1]) * duration[1:]
         return cls(duration.cumsum(), values, speed + np.concatenate([[0.0], gained.cumsum()]))
@@ -74,7 +76,7 @@ class HardestStop:
         bound = most if self.acceleration[outside[-1]] > most else least
         slope = abs(float(self._slopes[outside[-1]]))
         away = abs(float(self.acceleration[outside[-1]]) - bound)
-        return float(self.time[outside[-1]]) + away / slope if slope > 0.0 else 0.0
+        return (float(self.time[outside[-1]]) + away / slope) / BRAKING_SHARE if slope > 0.0 else 0.0
 
 
 def cubics(value: Callable[[Array], Array], edges: Array) -> Array:
