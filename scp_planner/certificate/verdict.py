@@ -217,6 +217,11 @@ class Certificate:
         return Certificate(self.holds, self.clearance.outside(units), uses_outside(self.limits, units), violations)
 
     @property
+    def limits_broken(self) -> int:
+        """Number of limits of the vehicle, and of the speed at places, that are not kept."""
+        return sum(violation.is_of_limit for violation in self.violations)
+
+    @property
     def late(self) -> bool:
         """True if the trip arrives later than it may, and nothing else is wrong with it."""
         return bool(self.violations) and all(violation.what == LATEST for violation in self.violations)

@@ -129,8 +129,13 @@ class Evasion:
             still = view.manoeuvres.until <= view.manoeuvres.wait
             stays = still & ((EVASION.steady * of_manoeuvres <= of_manoeuvres.min()) | good)
             good = stays if stays.any() else good
-        number = int(np.where(good, seen.worth, -np.inf).argmax())
-        return self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number]))
+        order = np.argsort(np.where(good, -seen.worth, np.inf), kind="stable")[: min(int(good.sum()), EVASION.tried)]
+        made = list[Manoeuvre]()
+        for number in order.tolist():
+            made.append(self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number])))
+            if not made[-1].certificate.limits_broken:
+                break
+        return min(made, key=lambda each: each.certificate.limits_broken)
 
     def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
         return self._gone_on_with(now, self._seen_of(now, stop), stop)

@@ -101,18 +101,18 @@ class Fallback:
         promised = self._as_promised(now)
         if promised is not None:
             return self._means.plan_of(promised, now, Outcome.BRAKING)
-        kept = [each for each in self._goes_on(now) if not _breaks_limits(self._certify_stop(now, each))]
+        found = [(each, self._certify_stop(now, each)) for each in self._goes_on(now)]
         for trip in () if now.moment.state.speed <= STOPS.standing else self._stops(now, fresh):
             stop = Stop(trip, trip.frame.time + trip.trajectory.travel_time)
             if stop.stands > now.moment.state.time:
                 certificate = self._certify_stop(now, stop)
                 if certificate.holds and self._evasion.stays_clear(now, stop):
                     return self._means.plan_of(Vetted(trip, certificate, stop, 0.0), now, Outcome.BRAKING)
-                if not _breaks_limits(certificate):
-                    kept.append(stop)
+                found.append((stop, certificate))
             if not now.has_time("fallback", "certificate"):
                 break
-        return self._least_harmful(now, kept)
+        fewest = min((certificate.limits_broken for _, certificate in found), default=0)
+        return self._least_harmful(now, [stop for stop, each in found if each.limits_broken == fewest])
 
     def _certify_stop(self, now: Replan, stop: Stop) -> Certificate:
         since = now.moment.state.time if stop.trip.frame.time < now.moment.state.time else None
@@ -200,7 +200,3 @@ class Fallback:
             along = self._means.braking.stop_now(fresh.ahead.path, moment.state)
             if fits(along):
                 yield Trip(fresh.problem.frame, along)
-
-
-def _breaks_limits(certificate: Certificate) -> bool:
-    return any(each.is_of_limit for each in certificate.violations)
