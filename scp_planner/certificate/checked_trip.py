@@ -94,7 +94,7 @@ class Checked(ABC, Generic[EnclosedT]):
 
     @abstractmethod
     def excused_until(self, after: float) -> float:
-        """When the motion gets faster than the hardest stop, so long after the first moment, s, at the latest."""
+        """Return the time at which the motion gets faster than the hardest stop, at most so long after the first, s."""
 
     @abstractmethod
     def followed(self, line: Line) -> tuple[Array, Array] | None:
