@@ -163,7 +163,7 @@ class CheckedTrip(Checked[Enclosure]):
 
     def excused_until(self, after: float) -> float:
         stop, tau = self.hardest_stop, self.trajectory.travel_time
-        end = min(self.first + after / tau, 1.0)
+        end = max(min(self.first + after / tau, self.last - 0.5 * SHORTEST_CHECK), self.first)
         knots = np.concatenate([self.trajectory.space.acceleration.breakpoints, self.first + stop.time / tau])
         edges = np.unique(np.concatenate([[self.first, end], knots[(knots > self.first) & (knots < end)]]))
 

@@ -31,6 +31,8 @@ class Pieces:
         """Return the intervals after a time, and the part after it of the one in which it lies."""
         low, high = np.maximum(self.middle - self.half, begin), self.middle + self.half
         left = high > low
+        left[np.argmax(high)] = True  # where nothing is left, the end is
+        low = np.minimum(low, high)
         return Pieces(0.5 * (low + high)[left], 0.5 * (high - low)[left])
 
     def cut(self, keep: Mask, parts: int) -> Pieces:

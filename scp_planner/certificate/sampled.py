@@ -175,7 +175,7 @@ class _CheckedSamples(Checked[EnclosedSamples]):
         limit = self.limits.speed
         begin = self.excused_until(self.hardest_stop.slows_to(limit))
         times = np.concatenate([np.maximum(self.motion.begin, begin), self.motion.end])[
-            np.tile(self.motion.end > begin, 2)
+            np.tile(self.motion.end >= begin, 2)
         ]
         speeds = self._speed_at(times)
         worst = int(np.argmax(speeds))

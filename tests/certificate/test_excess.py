@@ -153,3 +153,9 @@ def test_samples_slow_down_as_fast_as_the_vehicle_brakes(late: float, kept: bool
     slower = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"max_speed": 1.0})})
     found = {each.what for each in sp.certify(slower, samples).violations}
     assert found == (set() if kept else {"speed"})
+
+
+def test_drive_that_ends_before_its_excess_does_is_refused() -> None:
+    trip = driven(3.0, [0.0, 0.5, 1.0], [-DECELERATION, -DECELERATION])
+    assert broken(trip, {"max_speed": 0.5}) == {"speed"}
+    assert broken(trip, {}, speed_limits=[SLOW | {"speed": 0.5}]) == {"speed_limits[0]"}
