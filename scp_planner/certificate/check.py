@@ -11,7 +11,7 @@ from scp_planner.certificate.cells import clearance_kept
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
 from scp_planner.certificate.clearance import leaves_bounds
 from scp_planner.certificate.ends import Course, EndState, beside_corridor
-from scp_planner.certificate.limits import keeps_speed_later, limits_found
+from scp_planner.certificate.limits import limits_found
 from scp_planner.certificate.passing import Pass, passes_of
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
@@ -210,7 +210,7 @@ def _checked_whole(
     beyond = (leaves_bounds(checked, pieces, enclosure, offset) for offset in offsets)
     outside = [one for one in beyond if one is not None]
     known = motions is not None and checked.tube is None and not violations and not outside
-    if motions is not None and known and keeps_speed_later(checked, limits):
+    if motions is not None and known:
         space, scenario = checked.trajectory.space, checked.scenario
         motions.add(checked.trip, KeptMotion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
     kept = clearance_kept(checked, pieces, discs, precision)

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosed, Enclosure, Pieces
-from scp_planner.certificate.tolerances import LENGTH_TOLERANCE, REPORT_PRECISION, SHORTEST_CHECK, TripUnit
+from scp_planner.certificate.excess import HardestStop, cubics
+from scp_planner.certificate.tolerances import (
+    LENGTH_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    REPORT_PRECISION,
+    SHORTEST_CHECK,
+    TripUnit,
+)
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.refinement import highest
 from scp_planner.pauses import look_at_the_clock
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line
@@ -90,6 +99,15 @@ class Checked(ABC, Generic[EnclosedT]):
     def enclosed(self, pieces: Pieces) -> EnclosedT:
         """Return what holds of the motion on pieces of time."""
 
+    @property
+    @abstractmethod
+    def hardest_stop(self) -> HardestStop:
+        """The stop that brakes the hardest from where the check begins."""
+
+    @abstractmethod
+    def excused_until(self, after: float) -> float:
+        """Return the time at which the motion gets faster than the hardest stop, at most so long after the first, s."""
+
     @abstractmethod
     def followed(self, line: Line) -> tuple[Array, Array] | None:
         """Stations (n,) along a line that crosses itself, m, and by what progress (n,) it is there; else None."""
@@ -130,7 +148,7 @@ class CheckedTrip(Checked[Enclosure]):
     first: float  # From when to when it is checked, in normalised time
     last: float  # From when to when it is checked, in normalised time
     unit: TripUnit
-    start_speed: float  # Driving faster than allowed at the start is the scenario's business, not the plan's
+    fresh: bool  # True if it is checked from its start on
     tube: TrackingTube | None = None  # Round the trip, in which the vehicle stays
     deadline: float = np.inf  # Value of :func:`time.perf_counter` at which the check is given up
 
@@ -140,17 +158,40 @@ class CheckedTrip(Checked[Enclosure]):
     ) -> CheckedTrip:
         """Return what is checked of a trip, by tolerances of a unit; by default of that of the trip alone."""
         unit = unit or TripUnit.of_trips(scenario, [trip])
-        first, last, start_speed = 0.0, 1.0, scenario.start.speed
+        first, last = 0.0, 1.0
         begin, duration = trip.frame.time, trip.trajectory.travel_time
         if scope.since is not None:
             first = min(max((scope.since - begin) / duration, 0.0), 1.0 - SHORTEST_CHECK)
-            start_speed = trip.trajectory.space.start_speed
         if scope.until is not None:
             last = min(max((scope.until - begin) / duration, first + SHORTEST_CHECK), 1.0)
-        return cls(scenario, trip, batch, first, last, unit, start_speed, scope.tube, scope.deadline)
+        fresh = scope.since is None
+        return cls(scenario, trip, batch, first, last, unit, fresh, scope.tube, scope.deadline)
 
     def go_on(self) -> None:
         look_at_the_clock(self.deadline)
+
+    @cached_property
+    def hardest_stop(self) -> HardestStop:
+        drive = self.trajectory.drive_at(np.array([self.first]))
+        speed, acceleration = max(float(drive.speed[0]), 0.0), float(drive.acceleration[0])
+        if self.fresh and self.scenario.start.acceleration is None:
+            acceleration = min(acceleration, 0.0)  # it may jump
+        return HardestStop.from_state(speed, acceleration, self.scenario.vehicle)
+
+    def excused_until(self, after: float) -> float:
+        stop, tau = self.hardest_stop, self.trajectory.travel_time
+        end = max(min(self.first + after / tau, self.last - 0.5 * SHORTEST_CHECK), self.first)
+        knots = np.concatenate([self.trajectory.space.acceleration.breakpoints, self.first + stop.time / tau])
+        edges = np.unique(np.concatenate([[self.first, end], knots[(knots > self.first) & (knots < end)]]))
+
+        def faster(sigma: Array) -> Array:
+            return self.trajectory.speed_at(sigma) - stop.speed_at((sigma - self.first) * tau)
+
+        most = RELATIVE_TOLERANCE * float(stop.speed.max())
+        for part, begin in zip(cubics(faster, edges), edges, strict=False):
+            if not highest(part[None], most).kept:
+                return float(begin)
+        return end
 
     @property
     def frame(self) -> PlanningFrame:

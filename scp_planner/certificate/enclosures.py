@@ -27,6 +27,14 @@ class Pieces:
         wide = after > before
         return cls((0.5 * (before + after))[wide], (0.5 * (after - before))[wide])
 
+    def after(self, begin: float) -> Pieces:
+        """Return the intervals after a time, and the part after it of the one in which it lies."""
+        low, high = np.maximum(self.middle - self.half, begin), self.middle + self.half
+        left = high > low
+        left[np.argmax(high)] = True  # where nothing is left, the end is
+        low = np.minimum(low, high)
+        return Pieces(0.5 * (low + high)[left], 0.5 * (high - low)[left])
+
     def cut(self, keep: Mask, parts: int) -> Pieces:
         """Return equal parts of some of the intervals: the first part of each, then the second of each, and so on."""
         middle, half = self.middle[keep], self.half[keep] / parts

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.bounding import Bounded, largest
 from scp_planner.certificate.checked_trip import Checked, CheckedTrip, EnclosedT, Finding
 from scp_planner.certificate.enclosures import Enclosure, Pieces
+from scp_planner.certificate.excess import cubics
 from scp_planner.certificate.tolerances import END_TOLERANCE, RELATIVE_TOLERANCE
-from scp_planner.certificate.verdict import LimitUse
 from scp_planner.mathematics.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.places import Stretch, stretches
@@ -39,45 +42,50 @@ def speed_limits_found(checked: Checked[EnclosedT], pieces: Pieces, enclosed: En
     return {name: _speed_limit(checked, name, part, pieces, enclosed) for name, part in parts.items()}
 
 
-def keeps_speed_later(checked: CheckedTrip, limits: Limits) -> bool:
-    """True if a trip is not too fast for a vehicle that is on its way, either."""
-    top = max(limits.speed, checked.trajectory.space.start_speed)
-    return float(checked.trajectory.speed_control_points().max()) <= top * (1 + RELATIVE_TOLERANCE)
-
-
 def _speed_and_acceleration(checked: CheckedTrip, limits: Limits) -> dict[str, Finding]:
-    trajectory = checked.trajectory
-    basis, tau = trajectory.space.acceleration, trajectory.travel_time
-    speeds = basis.antiderivative.combine(tau * trajectory.beta)
-    speeds[:, 0] += trajectory.space.start_speed
-    accelerations = basis.combine(trajectory.beta)
-    top = max(limits.speed, checked.start_speed)
-    fastest = _kept(checked, "speed", speeds, top)
-    slowest = _kept(checked, "speed", speeds, 0.0, -1.0, RELATIVE_TOLERANCE * top)
-    gained = _kept(checked, "acceleration", accelerations, limits.acceleration)
-    lost = _kept(checked, "acceleration", accelerations, limits.deceleration, -1.0)
+    trajectory, tau = checked.trajectory, checked.trajectory.travel_time
+    start_speed = trajectory.space.start_speed
+    speeds = trajectory.space.acceleration.antiderivative.combine(tau * trajectory.beta)
+    speeds[:, 0] += start_speed
+    speed = _Curve(speeds, trajectory.speed_at, lambda: checked.hardest_stop.slows_to(limits.speed))
+    fastest = _kept(checked, "speed", speed, limits.speed)
+    slowest = _kept(checked, "speed", speed, 0.0, -1.0, RELATIVE_TOLERANCE * max(limits.speed, start_speed))
+    acceleration = _Curve(
+        trajectory.space.acceleration.combine(trajectory.beta),
+        lambda sigma: trajectory.drive_at(sigma).acceleration,
+        lambda: checked.hardest_stop.eases_to(-limits.deceleration, limits.acceleration),
+    )
+    gained = _kept(checked, "acceleration", acceleration, limits.acceleration)
+    lost = _kept(checked, "acceleration", acceleration, limits.deceleration, -1.0)
     gains = gained.use.worst / limits.acceleration >= -lost.use.worst / limits.deceleration
     return {
-        "speed": Finding(
-            LimitUse(fastest.use.worst, limits.speed, fastest.use.time), fastest.violations + slowest.violations
-        ),
+        "speed": Finding(fastest.use, fastest.violations + slowest.violations),
         "acceleration": Finding((gained if gains else lost).use, gained.violations + lost.violations),
     }
 
 
+@dataclass(frozen=True)
+class _Curve:
+    """A piecewise polynomial of normalised time."""
+
+    coefficients: Array  # (n, order), local powers
+    at: Callable[[Array], Array]
+    excess: Callable[[], float]  # For how long it may exceed its limit, s, if the vehicle brakes its hardest
+
+
 def _kept(
-    checked: CheckedTrip,
-    what: str,
-    coefficients: Array,
-    limit: float,
-    sign: float = 1.0,
-    tolerance: float | None = None,
+    checked: CheckedTrip, what: str, curve: _Curve, limit: float, sign: float = 1.0, tolerance: float | None = None
 ) -> Finding:
-    """Use of an upper limit by a piecewise polynomial of normalised time, times a sign."""
+    """Use of an upper limit by a curve times a sign."""
     basis = checked.trajectory.space.acceleration
     allowed = limit + (RELATIVE_TOLERANCE * limit if tolerance is None else tolerance)
+    edges, coefficients = basis.breakpoints, curve.coefficients
     found = highest(sign * coefficients, allowed)
-    sigma = float(basis.breakpoints[found.piece] + found.local * basis.widths[found.piece])
+    if not found.kept:
+        begin = checked.excused_until(curve.excess() if limit > 0.0 else 0.0)
+        edges = np.append(begin, edges[edges > begin])
+        found = highest(sign * cubics(curve.at, edges), allowed)
+    sigma = float(edges[found.piece] + found.local * (edges[found.piece + 1] - edges[found.piece]))
     return checked.finding(what, sign * found.value, sign * limit, sigma, kept=found.kept)
 
 
@@ -106,6 +114,15 @@ def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, e
     checked.go_on()
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
     found = largest(checked, pieces, enclosure, allowed, lambda one: _bounded(checked, name, one), parts=4)
+    excess = 0.0
+    if not found.kept and name in ("total_acceleration", "power"):
+        stop = checked.hardest_stop
+        most = limit / max(float(stop.speed.max()), 1e-300) if name == "power" else limit
+        excess = stop.eases_to(-np.inf if name == "power" else -limit, most)
+    if excess > 0.0:
+        pieces = pieces.after(checked.excused_until(excess))
+        enclosure = checked.enclosed(pieces)
+        found = largest(checked, pieces, enclosure, allowed, lambda one: _bounded(checked, name, one), parts=4)
     return checked.finding(name, found.value, limit, found.when, kept=found.kept)
 
 
@@ -148,4 +165,17 @@ def _speed_limit(checked: Checked[EnclosedT], name: str, part: Stretch, pieces: 
         return Bounded(np.where(there, pace.speed, -np.inf), np.where(fast, pace.fastest, -np.inf))
 
     found = largest(checked, pieces, enclosed, allowed, speed_there, parts=2)
+    excess = 0.0 if found.kept else checked.hardest_stop.slows_to(part.speed)
+    if excess > 0.0 and _begins_on(checked, part):
+        pieces = pieces.after(checked.excused_until(excess))
+        found = largest(checked, pieces, checked.enclosed(pieces), allowed, speed_there, parts=2)
     return checked.finding(name, max(found.value, 0.0), part.speed, found.when, kept=found.kept)
+
+
+def _begins_on(checked: Checked[EnclosedT], part: Stretch) -> bool:
+    """True if the check begins on a stretch of a line."""
+    first = checked.enclosed(Pieces(np.array([checked.first]), np.zeros(1))).pace
+    driven = checked.followed(part.line)
+    about = None if driven is None else np.interp(first.progress, *driven)
+    station = float(part.line.nearest(checked.frame.to_world(first.position), about)[0])
+    return part.first - END_TOLERANCE <= station <= part.last + END_TOLERANCE

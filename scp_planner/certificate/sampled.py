@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -14,6 +15,7 @@ from scp_planner.certificate.checked_trip import Checked, Finding
 from scp_planner.certificate.clearance import leaves_bounds
 from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.ends import Course, EndState, beside_corridor
+from scp_planner.certificate.excess import HardestStop
 from scp_planner.certificate.limits import speed_limits_found
 from scp_planner.certificate.passing import passes
 from scp_planner.certificate.sampled_pieces import EnclosedSamples, PieceVelocities, first_pieces
@@ -140,14 +142,35 @@ class _CheckedSamples(Checked[EnclosedSamples]):
         if turn[worst] > STANDING_TURN:
             yield self.broken("turn while standing", float(turn[worst]), 0.0, self.motion.begin[worst])
 
+    @cached_property
+    def hardest_stop(self) -> HardestStop:
+        start, speed = self.scenario.start, float(np.hypot(*self.pieces.first[0]))
+        return HardestStop.from_state(speed, start.acceleration or 0.0, self.scenario.vehicle)
+
+    def excused_until(self, after: float) -> float:
+        stop, motion = self.hardest_stop, self.motion
+        # Until the brakes are released the stop's speed is nowhere convex, as that of each piece is: its ends tell.
+        latest = self.first + min(after, float(stop.time[3]))
+        ends = np.minimum(motion.end[motion.begin < latest], latest)
+        most = stop.speed_at(ends - self.first) + RELATIVE_TOLERANCE * stop.speed.max()
+        slower = np.append(self._speed_at(ends) <= most, False)
+        kept = int(np.argmin(slower))
+        return float(ends[kept - 1]) if kept else self.first
+
+    def _speed_at(self, times: Array) -> Array:
+        piece = np.maximum(np.searchsorted(self.motion.begin, times, "left") - 1, 0)
+        return np.hypot(*self.motion.velocity_at(piece, times).T)
+
     def _speed(self) -> Finding:
-        speeds = np.hypot(*np.concatenate([self.pieces.first, self.pieces.last]).T)
-        times = np.concatenate([self.motion.begin, self.motion.end])
+        """On each piece it is largest at an end."""
+        limit = self.limits.speed
+        begin = self.excused_until(self.hardest_stop.slows_to(limit))
+        times = np.concatenate([np.maximum(self.motion.begin, begin), self.motion.end])[
+            np.tile(self.motion.end >= begin, 2)
+        ]
+        speeds = self._speed_at(times)
         worst = int(np.argmax(speeds))
-        # Driving faster than allowed at the start is the scenario's business, not the trip's.
-        top = max(self.limits.speed, self.scenario.start.speed)
-        found = self._used("speed", float(speeds[worst]), top, times[worst])
-        return replace(found, use=replace(found.use, limit=self.limits.speed))
+        return self._used("speed", float(speeds[worst]), limit, times[worst])
 
     def _acceleration(self) -> Finding:
         """Along the path it grows on each piece."""

@@ -107,6 +107,17 @@ UNITS = {
     "curvature_rate": "1/(m s)",
 }
 """Units of violations; excesses over users' own constraints have none."""
+LIMITS = (
+    "speed",
+    "speed_limits",
+    "acceleration",
+    "lateral_acceleration",
+    "total_acceleration",
+    "jerk",
+    "curvature",
+    "curvature_rate",
+    "power",
+)
 
 
 @dataclass(frozen=True)
@@ -157,6 +168,11 @@ class Violation:
         unit = UNITS.get(self.what.partition("[")[0])
         return "" if unit is None else f" {unit}"
 
+    @property
+    def is_of_limit(self) -> bool:
+        """True if a limit of the vehicle, or of the speed at a place, is not kept."""
+        return self.what.partition("[")[0] in LIMITS
+
     def __str__(self) -> str:
         whom = f" to {self.obstacle}" if self.obstacle is not None else ""
         found, allowed = f"{self.value:.6g}{self.unit}", f"{self.allowed:.6g}{self.unit}"
@@ -201,6 +217,11 @@ class Certificate:
             return self
         violations = tuple(violation.outside(units) for violation in self.violations)
         return Certificate(self.holds, self.clearance.outside(units), uses_outside(self.limits, units), violations)
+
+    @property
+    def limits_broken(self) -> int:
+        """Number of limits of the vehicle, and of the speed at places, that are not kept."""
+        return sum(violation.is_of_limit for violation in self.violations)
 
     @property
     def late(self) -> bool:

@@ -17,6 +17,8 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
 
 OPTIONAL_MARGIN = 2.5e-4  # relative, of limits that only some vehicles have, besides the margin of all limits
+LEAST_LEFT = 0.1  # of a limit that is broken at the start: so fast the vehicle still is, after braking, at least
+SAME_SPEED = 1e-9  # relative: a start that is faster than the limit by rounding is not
 USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ninth of the trip
 
 
@@ -55,11 +57,18 @@ class Setup:
         return self.ends.free.stop - self.ends.free.start
 
     def highest_speeds(self, limit: float, tau: float) -> Array:
-        """Highest control points of the speed after the first, m/s: a limit, and above it what brakes can reach."""
+        """Highest control points of the speed after the first, m/s: a limit, and above it what brakes can reach.
+
+        From a start above the vehicle's limit it brakes until one is within: from one to the next speeds are straight.
+        """
         rows, first = self.space.drive.speed_control[1:], self.space.start_speed
         if first <= limit:
             return np.full(len(rows), limit)
-        return np.maximum(first + tau * (rows @ self.lowest_accelerations), limit)
+        braking = first + tau * (rows @ self.lowest_accelerations)
+        if first <= self.vehicle.max_speed * (1.0 + SAME_SPEED):
+            return np.maximum(braking, limit)
+        brakes = np.append(first, braking[:-1]) > limit
+        return np.where(brakes, np.maximum(braking, LEAST_LEFT * limit), limit)
 
     @property
     def step_size(self) -> int:

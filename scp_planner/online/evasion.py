@@ -113,6 +113,9 @@ class Evasion:
         now.lap("evasion")
         for each, harm in zip(others, trips.expected.tolist(), strict=True):
             self._means.consider(now, CandidateKind.STOP, each.trip, None, severity=harm)
+        harmless = np.where(harms <= EVASION.even, trips.driven, np.inf)
+        if np.isfinite(harmless).any():  # until a contact is to be feared, who brakes first can do the most about it
+            return others[int(harmless.argmin())]
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         if goes_on and EVASION.steady * harms[0] <= of_manoeuvres.min() and harms[0] <= harms.min() + EVASION.even:
             return others[0]
@@ -126,11 +129,20 @@ class Evasion:
             still = view.manoeuvres.until <= view.manoeuvres.wait
             stays = still & ((EVASION.steady * of_manoeuvres <= of_manoeuvres.min()) | good)
             good = stays if stays.any() else good
-        number = int(np.where(good, seen.worth, -np.inf).argmax())
-        return self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number]))
+        order = np.argsort(np.where(good, -seen.worth, np.inf), kind="stable")[: min(int(good.sum()), EVASION.tried)]
+        made = list[Manoeuvre]()
+        for number in order.tolist():
+            made.append(self._made(now, view.manoeuvres, seen, number, float(of_manoeuvres[number])))
+            if not made[-1].certificate.limits_broken:
+                break
+        return min(made, key=lambda each: each.certificate.limits_broken)
 
     def as_manoeuvre(self, now: Replan, stop: Stop) -> Manoeuvre:
         return self._gone_on_with(now, self._seen_of(now, stop), stop)
+
+    def stays_clear(self, now: Replan, stop: Stop) -> bool:
+        """True if a stop, and the stand after it, is clear for as long as manoeuvres are looked ahead."""
+        return bool(np.isinf(self._seen_of(now, stop).clear[0]))
 
     def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
         view = self._looked(now)

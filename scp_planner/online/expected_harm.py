@@ -52,6 +52,7 @@ class Harms:
     expected: Array  # Between 0 and 1
     # m/s: highest speeds in contact with obstacles where they are expected, in the time in which the vehicle can stop
     impact: Array
+    driven: Array  # m, in that time: less of those that brake sooner
 
     def no_harder_than(self, least: float, braking: float) -> Array:
         """Harms; inf of trips that hit harder than braking, or, where each hits, than the one that hits least."""
@@ -79,12 +80,12 @@ class HarmModel:
             each, less = manoeuvres.rooms(whole, self.border, vehicle, np.inf, near[some], (WHOLE, Size(HARM.part)))
             harms.append(_harms(each.each, less.each, scale, weights))
         spared = np.prod([1.0 - each.expected for each in harms], axis=0)
-        return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0))
+        return Harms(1.0 - spared, np.max([each.impact for each in harms], axis=0), harms[0].driven)
 
     def of_trips(self, trips: Sequence[Trip], times: Array) -> Harms:
         """Harm to be expected of trips that are being driven, or stops, (n,)."""
         if not trips:
-            return Harms(np.zeros(0), np.zeros(0))
+            return Harms(np.zeros(0), np.zeros(0), np.zeros(0))
         moment, place = self.moment, np.empty((len(trips), len(times), 2))
         for trip, put in zip(trips, place, strict=True):
             put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
@@ -115,8 +116,9 @@ class HarmModel:
         fading = 1.0 / (1.0 + WORTH.fading * times / a_moment(vehicle))  # there will be replans until then
         sets_off = np.where(moves[:, 0], HARM.setting_off * (HARM.creeping - self.standing), 0.0)
         driven = speed[:, :-1] * np.diff(times)
-        speed = np.where((times <= max(self.soon, times[1])) & moves, speed, 0.0)
-        return _Weights(counts, fading, sets_off, driven, speed[:, :-1])
+        soon = times <= max(self.soon, times[1])
+        speed = np.where(soon & moves, speed, 0.0)
+        return _Weights(counts, fading, sets_off, driven, speed[:, :-1], (driven * soon[1:]).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,7 @@ class _Weights:
     sets_off: Array  # (C,)
     driven: Array  # (C, J - 1) m, from each sample to the next
     speed: Array  # (C, J - 1) m/s, up to each sample but the first; 0 of those after the vehicle may have stopped
+    driven_soon: Array  # (C,) m, until the vehicle may have stopped
 
 
 def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
@@ -149,4 +152,4 @@ def _harms(whole: Array, less: Array, scale: float, weights: _Weights) -> Harms:
     # To leave what touches it is no impact, to scrape along it is.
     hits = (gap[..., 1:] < np.minimum(gap[..., :-1] + HARM.leaving * weights.driven, 0.0)).any(axis=0)
     impact = (weights.speed * hits).max(axis=1)
-    return Harms(1.0 - np.prod(1.0 - np.minimum(harm, 1.0), axis=0), impact)
+    return Harms(1.0 - np.prod(1.0 - np.minimum(harm, 1.0), axis=0), impact, weights.driven_soon)

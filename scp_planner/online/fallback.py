@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.certificate.verdict import Ends
+from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.online.evasion import Evasion, Manoeuvre
 from scp_planner.online.means import Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
@@ -101,16 +101,28 @@ class Fallback:
         promised = self._as_promised(now)
         if promised is not None:
             return self._means.plan_of(promised, now, Outcome.BRAKING)
-        return self._least_harmful(now, fresh)
-
-    def _least_harmful(self, now: Replan, fresh: Renewal) -> OnlinePlan:
-        begun, others = self._evasion.begun(now), self._goes_on(now)
+        found = [(each, self._certify_stop(now, each)) for each in self._goes_on(now)]
         for trip in () if now.moment.state.speed <= STOPS.standing else self._stops(now, fresh):
-            stop = Stop(trip, trip.frame.time)
+            stop = Stop(trip, trip.frame.time + trip.trajectory.travel_time)
             if stop.stands > now.moment.state.time:
-                others.append(stop)
+                certificate = self._certify_stop(now, stop)
+                if certificate.holds and self._evasion.stays_clear(now, stop):
+                    return self._means.plan_of(Vetted(trip, certificate, stop, 0.0), now, Outcome.BRAKING)
+                found.append((stop, certificate))
             if not now.has_time("fallback", "certificate"):
                 break
+        fewest = min((certificate.limits_broken for _, certificate in found), default=0)
+        return self._least_harmful(now, [stop for stop, each in found if each.limits_broken == fewest])
+
+    def _certify_stop(self, now: Replan, stop: Stop) -> Certificate:
+        since = now.moment.state.time if stop.trip.frame.time < now.moment.state.time else None
+        certificate = self._means.safety_gate.certify_stop(now.moment, stop, since)
+        now.lap("certificate")
+        self._means.consider(now, CandidateKind.STOP, stop.trip, certificate)
+        return certificate
+
+    def _least_harmful(self, now: Replan, others: list[Stop]) -> OnlinePlan:
+        begun = self._evasion.begun(now)
         least = self._evasion.least_harmful(now, others)
         goes_on = begun is not None and least.trip is begun.trip
         manoeuvre = self._evasion.as_manoeuvre(now, begun) if begun is not None and goes_on else least

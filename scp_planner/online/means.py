@@ -150,7 +150,7 @@ class Means:
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         self.safety_gate = SafetyGate(online.period, online.safety is Safety.STOP, following, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
-        self.braking = braking_of(given.vehicle, settings.limit_margin)
+        self.braking = braking_of(given.vehicle)
         self._ground = corridor_zones(given)
         self._grown: tuple[ThreatZone, ...] = ()
         if given.ground is not None:  # the corridor was grown: trips are planned in it, what is driven keeps off cells
@@ -350,6 +350,7 @@ class Means:
         safe = isinstance(found, Vetted) or (isinstance(found, Certificate) and found.holds)
         noted = Candidate(kind, trip, safe, gate or "it no longer holds", self.units)
         before = now.candidates.pop(id(trip), noted)
+        noted = noted if found is not None else replace(noted, gate=before.gate)
         worth = before.worth if worth is None else worth * self.units.length
         severity = before.severity if severity is None else severity
         now.candidates[id(trip)] = replace(noted, worth=worth, severity=severity)
@@ -450,6 +451,7 @@ class Means:
                 None if passes is None else passes * unit,
                 (vetted.arrival - moment.state.time) * unit,
                 looked or not now.late,
+                "; ".join(str(each.outside(self.units)) for each in vetted.certificate.violations if each.is_of_limit),
             )
         )
 

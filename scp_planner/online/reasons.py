@@ -148,6 +148,7 @@ class Facts:
     passes: float | None = None  # s, from now
     arrives: float | None = None  # s, from now
     in_time: bool = True
+    broken: str = ""  # Limits, and by how much
 
 
 def reason_of(facts: Facts) -> Reason:
@@ -158,6 +159,7 @@ def reason_of(facts: Facts) -> Reason:
     if not facts.safe:
         clear = "keep clear" if whom is None else f"keep clear of {whom}"
         text = f"Nothing is sure to {clear}; the vehicle {does}, which is likely to do least harm."
+        text += f" It breaks limits: {facts.broken}." if facts.broken else ""
         return Reason(ReasonCode.NOTHING_SAFE, text, whom, passes)
     if facts.goes is Goes.ON:
         return Reason(ReasonCode.DRIVING, "The vehicle drives to its goal.", None, facts.arrives)

@@ -174,7 +174,7 @@ class RampedBraking(Braking):
 
 def braking_of(vehicle: Vehicle, margin: float = 0.0) -> Braking:
     """Return how a vehicle brakes, with a relative margin of its deceleration."""
-    deceleration = vehicle.max_deceleration * (1.0 - margin)
+    deceleration = min(vehicle.max_deceleration, vehicle.max_total_acceleration or math.inf) * (1.0 - margin)
     if vehicle.max_jerk is None:
         return EvenBraking(deceleration)
     return RampedBraking(deceleration, JERK_SHARE * vehicle.max_jerk)

@@ -258,7 +258,8 @@ def test_a_leg_that_ends_at_speed_is_not_followed_by_another() -> None:
 
 
 def test_the_table_of_the_docs_names_exactly_the_checks() -> None:
-    rows = re.findall(r"^\| `([^`]+)` \|", TABLE.read_text(), re.MULTILINE)
+    checks, _, _ = TABLE.read_text().partition("## Starts beyond a limit")
+    rows = re.findall(r"^\| `([^`]+)` \|", checks, re.MULTILINE)
     assert sorted(rows) == sorted(UNITS)
     tested = {*FAULTS, *TRIP_FAULTS, *SEAM_FAULTS, "speed at rest"}
     assert tested == set(UNITS)

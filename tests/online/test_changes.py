@@ -167,3 +167,53 @@ def test_changes_are_recorded(tmp_path: Path) -> None:
     assert recording.places == ((10.0, 0.0),) and recording.goal == (5.0, 6.0)
     run.save(tmp_path / "run.json")
     assert sp.Run.load(tmp_path / "run.json") == run
+
+
+SLOW_ZONE = {"from": 0.0, "to": 50.0, "speed": 0.8, "line": [[0.0, 0.0], [60.0, 0.0]]}
+
+
+@pytest.mark.parametrize("jerk", [None, 2.0])
+@pytest.mark.parametrize(
+    ("change", "limit"),
+    [
+        (lambda planner: planner.set_limits(max_speed=1.0), 1.0),
+        (lambda planner: planner.set_ground(speed_limits=[SLOW_ZONE]), 0.8),
+    ],
+)
+def test_limit_that_is_lowered_under_way_is_braked_for_at_once(
+    change: Callable[[sp.Planner], None], limit: float, jerk: float | None
+) -> None:
+    """At 3 m/s; braking takes (3 m/s - limit) / 2 m/s2, and with a jerk limit 0.5 s more."""
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "max_jerk": jerk}
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 3.0}
+    scenario = sp.Scenario.model_validate({"vehicle": vehicle, "start": start, "goal": {"position": [60.0, 0.0]}})
+    planner = sp.Planner(scenario, online=sp.OnlineSettings(period=0.1))
+    state, acceleration = ((0.0, 0.0), 0.0, 3.0), 0.0
+    for time in 0.1 * np.arange(22):
+        if time == 0.1:
+            change(planner)
+        plan = planner.replan(float(time), *state, acceleration=None if jerk is None else acceleration)
+        assert plan.safe
+        late = 0.1 + (0.0 if jerk is None else 0.5)
+        assert state[2] <= max(limit, 3.0 - 1.98 * max(time - late, 0.0)) + 1e-6
+        x, y = plan.position(time + 0.1)
+        state = ((float(x), float(y)), float(plan.heading(time + 0.1)), float(plan.speed(time + 0.1)))
+        acceleration = float(plan.acceleration(time + 0.1))
+    assert state[2] <= limit + 1e-6
+
+
+def test_slow_zone_that_is_too_near_is_named_and_braked_for() -> None:
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0}
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 3.0}
+    scenario = sp.Scenario.model_validate({"vehicle": vehicle, "start": start, "goal": {"position": [60.0, 0.0]}})
+    planner = sp.Planner(scenario, online=sp.OnlineSettings(period=0.1))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    planner.set_ground(speed_limits=[SLOW_ZONE | {"from": 1.0}])
+    plan = planner.replan(0.1, (0.3, 0.0), 0.0, 3.0)
+    assert (
+        not plan.safe
+        and plan.reason is not None
+        and "speed_limits[0]" in plan.reason
+        and "allowed 0.8 m/s" in plan.reason
+    )
+    assert float(plan.speed(0.6)) == pytest.approx(2.0, abs=0.03)
