@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import cos, sin
 
 import numpy as np
@@ -23,8 +22,8 @@ class OccupancyMap:
     Parameters
     ----------
     occupied : array_like of bool
-        (rows, columns); the first row is the lowest one, as in ``nav_msgs/OccupancyGrid``. A cell is closed: its border
-        belongs to it.
+        (rows, columns), which is copied; the first row is the lowest one, as in ``nav_msgs/OccupancyGrid``. A cell is
+        closed: its border belongs to it.
     resolution : float
         Edge of a cell, m.
     origin : tuple of float
@@ -68,7 +67,7 @@ class OccupancyMap:
             raise ValueError(f"resolution: {self.resolution!r} must be a positive number of m")
         if not np.isfinite([*self.origin, self.yaw]).all() or len(self.origin) != 2:
             raise ValueError(f"origin: {self.origin!r}, yaw {self.yaw!r} must be two numbers of m and one of rad")
-        object.__setattr__(self, "occupied", cells.astype(bool, copy=False))
+        object.__setattr__(self, "occupied", cells.astype(bool))  # its own: that of the caller may change
         object.__setattr__(self, "origin", (float(self.origin[0]), float(self.origin[1])))
 
     def __repr__(self) -> str:
@@ -87,7 +86,7 @@ class OccupancyMap:
     def __hash__(self) -> int:
         return hash((self.resolution, self.origin, self.yaw, self.occupied.shape))
 
-    @cached_property
+    @property
     def sha256(self) -> str:
         """Digest of the cells and of where they are."""
         digest = hashlib.sha256(repr((self.resolution, self.origin, self.yaw, self.beyond)).encode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Ground, Obstacle, Scenario, Steering, Vehicle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.tolerances import SYMMETRY
+from scp_planner.scenario.units import changed
 from scp_planner.tracking.tolerances import LEAST_DEVIATION, MOST_DEVIATION
 from scp_planner.units import Units
 
@@ -83,6 +85,13 @@ def speeding(speed: float, limit: float) -> str | None:
     if speed <= limit * (1.0 + RELATIVE):
         return None
     return f"the vehicle drives at {speed:.4g} m/s, {100.0 * (speed / limit - 1.0):.2g} % above its limit"
+
+
+def against_gear(speed: float, has_gear: bool) -> str:
+    """Report a vehicle that rolls against its gear at a speed, m/s."""
+    if has_gear:
+        return f"the vehicle rolls against its gear at {speed:.4g} m/s: it stops first"
+    return f"the vehicle rolls backwards at {speed:.4g} m/s, and has no reverse gear: nothing is certified"
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:
@@ -159,6 +168,11 @@ def ground_given(call: str, given: Any, scenario: Scenario) -> Ground:
         return given if isinstance(given, Ground) else Ground(**given if isinstance(given, Mapping) else {"map": given})
     except ScenarioError as error:
         raise ScenarioError(call, error.faults) from None
+
+
+def own_ground(ground: Ground | None) -> Ground | None:
+    """Copy the cells of a ground, which the caller may change in place."""
+    return None if ground is None else changed(ground, map=replace(ground.map))
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.errors import ScenarioError
 from scp_planner.mathematics.occupancy import OccupancyMap
-from scp_planner.online.arguments import ground_given
+from scp_planner.online.arguments import ground_given, own_ground
 from scp_planner.online.perception import Perception
 from scp_planner.online.remaining import State
 from scp_planner.scenario.models import Goal, Ground, Passage, Scenario
@@ -122,7 +122,8 @@ class Changeable(Perception):
     def update_map(self, map: OccupancyMap | Ground | Mapping[str, Any] | str | PathLike[str]) -> None:
         """Drive over another map from the next replan on.
 
-        The last plan goes on only if it, or the stop from it, is certified over the new cells, too.
+        The last plan goes on only if it, or the stop from it, is certified over the new cells, too. Equal cells change
+        nothing; cells may be changed in place between calls.
 
         Parameters
         ----------
@@ -153,7 +154,7 @@ class Changeable(Perception):
         checked = ground if changes.keys() & {"goal", "corridor"} else None
         now = {"start": start, "obstacles": seen, "goals": left, **changes, "ground": checked}
         try:
-            asked: Scenario = changed(Underway(**{**dict(self._asked), **now}), ground=ground)
+            asked: Scenario = changed(Underway(**{**dict(self._asked), **now}), ground=own_ground(ground))
         except ScenarioError as error:
             raise ScenarioError(call, error.faults) from None
         asked = tracked(anchored(asked.model_copy(update={"obstacles": ()})))

@@ -47,15 +47,17 @@ class OnlineLegParameters:
 ONLINE_LEGS = OnlineLegParameters()
 SEARCHING = Reason(ReasonCode.OUT_OF_TIME, "The vehicle stands while manoeuvres are looked for.")
 TURNS = Reason(ReasonCode.DRIVING, "The vehicle turns on the spot.")
+ROLLS = Reason(ReasonCode.DRIVING, "The vehicle rolls against its gear; it stops first.")
+CANNOT_ROLL = Reason(ReasonCode.NOTHING_SAFE, "The vehicle rolls backwards without a reverse gear; it stops.")
 STOPS_AT_END = Reason(ReasonCode.DRIVING, "The vehicle stops at the end of its leg.")
 
 
 class LegsAhead:
     """The leg under way, those that follow, and the search for them."""
 
-    def __init__(self, asked: Scenario, backward: bool = False) -> None:
-        """Begin without a manoeuvre, in the direction in which the vehicle drives."""
-        self.asked, self.backward = with_lines(asked), backward
+    def __init__(self, asked: Scenario, backward: bool | None = None) -> None:
+        """Begin without a manoeuvre, in the gear under way; None: the first state that is reported decides it."""
+        self.asked, self.backward, self._in_gear = with_lines(asked), bool(backward), backward is not None
         self.legs: tuple[Leg, ...] = ()
         self.sets_out = False  # on a leg that plans are to be made for
         self._next: Leg | None = None  # as the last plan has it, where that is certified up to the goal
@@ -91,20 +93,21 @@ class LegsAhead:
         return backwards(scene) if self.backward else ahead(scene)
 
     def reported(self, time: float, heading: float | None, speed: float) -> tuple[float | None, float]:
-        """Return a heading and a speed of the vehicle as those of the leg under way, which they decide at first."""
+        """Return a heading and a signed speed along the leg under way; at first they decide its direction."""
         backward = speed < 0.0 and self.asked.vehicle.reverse is not None
         if abs(speed) > STOPS.standing:
-            if not self.legs:
-                self.backward = backward
+            if not self._in_gear and backward != self.backward:
+                self.backward, self.sets_out = backward, True
             elif self._next is not None and time > self._next.begin and backward == self._next.backward:
                 self._begin(self.legs[1:], self._next.trip)
+        self._in_gear = True
         if not self.backward:
             return heading, speed
         return None if heading is None else math.remainder(heading + math.pi, 2.0 * math.pi), -speed
 
     def start(self, state: State) -> Start:
         """Return the start of what is left at a state of the leg under way."""
-        heading = state.heading
+        heading = state.front if state.backwards else state.heading
         if self.backward and heading is not None:
             heading = math.remainder(heading + math.pi, 2.0 * math.pi)
         return changed(
@@ -281,6 +284,14 @@ class LegsAhead:
 
 def _at(trip: Trip, time: float) -> Trip:
     return Trip(replace(trip.frame, time=time), trip.trajectory)
+
+
+def along(plan: OnlinePlan, backward: bool) -> OnlinePlan:
+    """Return a plan of one leg with the direction in which the vehicle drives."""
+    if not backward:
+        return plan
+    leg = Leg(plan.trip, backward)
+    return replace(plan, legs=Legs((leg,), Stand(leg.begin, leg.state(leg.begin)[1]), _end(leg)))
 
 
 def _end(leg: Leg) -> Stand:

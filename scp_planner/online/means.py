@@ -144,8 +144,9 @@ class Means:
         self.routed = routed  # The guide is a route that was found
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
-        # Headings are those of driving: the middle is on the other side while the front is behind
-        self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre})
+        # Headings are those of driving: middle and discs are on the other side while the front is behind
+        discs = tuple(-offset for offset in given.vehicle.discs)
+        self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre, "discs": discs})
         getting_away = time_from_a_stand(given.vehicle, REPLAN.clear_widths * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         self.safety_gate = SafetyGate(online.period, online.safety is Safety.STOP, following, self.wait)

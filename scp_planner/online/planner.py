@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.mathematics.occupancy import NAME
-from scp_planner.online.arguments import _point, check_number, direction, speeding
+from scp_planner.online.arguments import _point, against_gear, check_number, direction, own_ground, speeding
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.changeable import Changeable
 from scp_planner.online.decision import Decision
-from scp_planner.online.following import Following, larger
+from scp_planner.online.following import Deviation, Following, larger
 from scp_planner.online.inbox import INBOX, Inbox
-from scp_planner.online.legs import LegsAhead
+from scp_planner.online.legs import CANNOT_ROLL, ROLLS, LegsAhead, along
 from scp_planner.online.means import REPLAN, Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.pace import PACE, Pace
@@ -31,9 +31,11 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.predictor import Predictor
 from scp_planner.online.remaining import State
 from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
+from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits, changed
@@ -123,13 +125,14 @@ class Planner(Changeable):
         self._zones: tuple[ThreatZone, ...] = ()
         self.doubts = deque[str](maxlen=INBOX.most_notes)
         self._legs: LegsAhead | None = None
-        self._asked = anchored(scenario).model_copy(update={"obstacles": ()})  # in the user's units
+        kept = {"obstacles": (), "ground": own_ground(scenario.ground)}
+        self._asked = anchored(scenario).model_copy(update=kept)  # in the user's units
         self._take_up(inside, solver or solver_named(settings.solver))
         self._assumptions = Assumptions(units)
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
-        self._speeding = False
+        self._oddities = frozenset[str]()  # of the reported speed, which have been told
         self.predictor: Predictor | None = None
         self._pace = Pace()
         self._overrun = 0.0  # s that replans take beyond where they are to end
@@ -143,7 +146,7 @@ class Planner(Changeable):
         ]
         changes = {"vehicle": larger(scenario.vehicle, self._tube), "goal": in_time, "goals": tuple(passed)}
         given = anchored(scenario.model_copy(update=changes))
-        backward = self._legs is not None and self._legs.backward
+        backward = None if self._legs is None else self._legs.backward
         stand = given.goal.target is None and PlacesAhead(given).are_fixed
         self._legs = LegsAhead(given, backward) if stand and may_back_up(given) else None
         self._route: RouteAhead | None = None
@@ -244,7 +247,9 @@ class Planner(Changeable):
         heading : float or None
             Of the vehicle's front, rad; None: free.
         speed : float
-            m/s, negative backwards; above the vehicle's limit it is taken as it is, and told in ``doubts``.
+            m/s, negative backwards; without a heading the sign says nothing. Above the vehicle's limit it is taken as
+            it is, and told in ``doubts``. A vehicle that rolls against its gear stops first; without a reverse gear
+            that is not safe. Below what the follower may be off, such a vehicle counts as standing.
         acceleration : float, optional
             Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
             acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
@@ -264,13 +269,16 @@ class Planner(Changeable):
             If a number is not finite or time goes backwards.
         """
         began = perf_counter()
+        self._check_state(time, position, heading, speed, acceleration, deadline)
         if self.predictor is not None:
             self._ask(self.predictor, float(time), position)
 
         def reported() -> State:
-            return self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
+            return self._when_followed(self._reported_state(time, position, heading, speed, acceleration))
 
         state = reported()
+        if self._state is not None and self._rolls(state) != self._rolls(self._state):
+            self._last = None  # it was of the other direction
         end = math.inf
         if deadline is not None:
             overrun = min(self._overrun, REPLAN.most_kept_back * deadline)  # of which the reserve is a part
@@ -285,9 +293,11 @@ class Planner(Changeable):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             self._keep_up(state.time)
             now.lap("zones")
-            if self._route is not None:
-                self._on_route(now, self._route)
-            if self._legs is None:
+            if self._rolls(now.moment.state):
+                plan, whole = self._stop_first(now)
+            elif self._legs is None:
+                if self._route is not None:
+                    self._on_route(now, self._route)
                 whole = plan = self._decision.answer(now)
             else:
                 now, plan = self._leg_by_leg(now, self._legs, reported)
@@ -301,6 +311,19 @@ class Planner(Changeable):
         for each in self.listeners:
             each.replanned(time, _point("position", position), heading, speed, ended - began)
         return self.plan
+
+    def _rolls(self, state: State) -> bool:
+        """True if a vehicle that cannot drive both ways drives against its gear."""
+        return state.backwards and self.given.vehicle.steering is not Steering.BOTH_WAYS
+
+    def _stop_first(self, now: Replan) -> tuple[OnlinePlan, OnlinePlan]:
+        """Stop a vehicle that rolls against its gear; without a reverse gear nothing is certified."""
+        means, gear = self._means, self._legs is not None and self._legs.backward
+        plan = means.stopping(now, means.straight_stop(now.moment.state, means.braking), ROLLS)
+        if not gear and self.given.vehicle.reverse is None:
+            because = CANNOT_ROLL
+            plan = replace(plan, status=PlanStatus.INFEASIBLE, stop=None, code=because.code, reason=because.sentence)
+        return plan, along(plan, not gear)
 
     def _keep_up(self, time: float) -> None:
         """Adapt the period, if none is given, to the last gaps between replans, but for outliers."""
@@ -383,12 +406,15 @@ class Planner(Changeable):
         period, following = self._means.safety_gate.period, self._means.following
         yield from self._assumptions.broken(now.moment, self._last, following, self.given.bounds, period)
         yield from self._inbox.leads()
-        fast, before = speeding(abs(speed), self._means.given.vehicle.max_speed * self._units.speed), self._speeding
-        self._speeding = fast is not None
-        if fast is not None and not before:
-            yield fast
+        found = {"speed": speeding(abs(speed), self._means.given.vehicle.max_speed * self._units.speed)}
+        if self._rolls(now.moment.state):
+            has_gear = self._legs is not None or self.given.vehicle.reverse is not None
+            found["gear"] = against_gear(abs(speed), has_gear)
+        new = {key: text for key, text in found.items() if text is not None}
+        yield from (text for key, text in new.items() if key not in self._oddities)
+        self._oddities = frozenset(new)
 
-    def _checked_state(
+    def _check_state(
         self,
         time: float,
         position: ArrayLike,
@@ -396,25 +422,36 @@ class Planner(Changeable):
         speed: float,
         acceleration: float | None,
         deadline: float | None,
-    ) -> State:
+    ) -> None:
         check_number("time", time)
         if self._clock is not None and time < self._clock:
             raise ValueError(f"time: {time!r} is before {self._clock!r}, the time of the last replan")
-        place = _point("position", position)
+        _point("position", position)
         check_number("speed", speed)
         for name, value in (("heading", heading), ("acceleration", acceleration)):
             if value is not None:
                 check_number(name, value)
         if deadline is not None and not (isinstance(deadline, int | float | np.number) and deadline > 0.0):
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
-        # The sensor of a vehicle that stands may show a speed below nothing.
+
+    def _reported_state(
+        self, time: float, position: ArrayLike, heading: float | None, speed: float, acceleration: float | None
+    ) -> State:
+        """Return the reported state in the direction of driving; the front is behind against the gear."""
         units, given = self._units, self._means.given
-        there, instant = units.place(place), units.instant(float(time))
+        there, instant = units.place(_point("position", position)), units.instant(float(time))
+        pace, either = float(speed) / units.speed, given.vehicle.steering is Steering.BOTH_WAYS
         if self._legs is not None:
-            heading, speed = self._legs.reported(instant, heading, speed)
-        pace = max(float(speed), 0.0) / units.speed
-        ahead = direction(given.vehicle, there, heading, pace, given.goal.position)
-        front = self._front(instant, heading) if given.vehicle.steering is Steering.BOTH_WAYS else None
+            heading, pace = self._legs.reported(instant, heading, pace)
+        stands = Deviation(0.0, abs(pace), 0.0)
+        if pace < 0.0 and not either and (-pace <= STOPS.standing or self._means.following.allows(stands)):
+            pace = 0.0  # the sensor of a vehicle that stands may show a speed below nothing
+        ahead, front = heading, self._front(instant, heading) if either else None
+        if pace < 0.0 and heading is not None:
+            ahead = math.remainder(heading + math.pi, 2.0 * math.pi)
+            front = front if either else heading
+        pace = abs(pace)
+        ahead = direction(given.vehicle, there, ahead, pace, given.goal.position)
         return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration), front)
 
     def _front(self, time: float, heading: float | None) -> float | None:
@@ -432,9 +469,9 @@ class Planner(Changeable):
             return None
         if given is not None:
             found = float(given) / self._units.acceleration
-        elif last is None:
+        elif self._state is None:
             found = self.given.start.acceleration or 0.0
-        elif time < last.arrival_time:
+        elif last is not None and time < last.arrival_time:
             found = float(last.trip.at(time)[0].acceleration[0])
         else:
             found = 0.0

@@ -262,3 +262,24 @@ def test_a_trap_on_a_map_is_driven_round_though_there_is_never_time() -> None:
     plans = [plan for plan in run.plans if isinstance(plan, sp.OnlinePlan)]
     assert plans
     assert all(plan.safe for plan in plans)
+
+
+@pytest.mark.parametrize("made", ["array", "map", "ground"])
+def test_cells_that_were_changed_in_place_are_another_map(made: str) -> None:
+    """A map shared the array of its caller: handed over again after a change, it equalled the planner's own."""
+    cells = room(5, 40)
+    drive = Drive(cells)
+    ground = drive.planner.scenario.ground
+    assert ground is not None
+    own, again = sp.OccupancyMap(cells, CELL), sp.Ground(map=sp.OccupancyMap(cells, CELL))
+    drive.planner.update_map(own if made == "map" else again)
+    drive.on(0.3)
+    digest = own.sha256
+    for array in (cells, own.occupied, again.map.occupied):
+        array[:, 38:42] = True
+    assert own.sha256 != digest
+    kinds: dict[str, Any] = {"array": sp.OccupancyMap(cells, CELL), "map": own, "ground": again}
+    drive.planner.update_map(kinds[made])
+    drive.cells = cells
+    (plan,) = drive.on(drive.time + 0.05)
+    assert plan.safe and not plan.certified
