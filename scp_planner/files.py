@@ -36,7 +36,10 @@ LARGEST_COORDINATE = 1e12
 """m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
 
 DEEPEST = 100
-"""Levels of lists and mappings in a YAML file; no scenario comes near."""
+"""Levels of lists and mappings in a file; no scenario comes near."""
+
+LARGEST_FILE = 2**28
+"""Bytes of a file that is read at most."""
 
 _YAML_TAGS = {  # of YAML 1.2: pattern, and the characters that such text begins with
     "null": (r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
@@ -59,17 +62,49 @@ def check_extent(folder: str | PathLike[str]) -> None:
             raise ValueError(f"holds over {MOST_ENTRIES:,} files, with those in its folders; name a smaller one")
 
 
+def read_bytes(path: str | PathLike[str]) -> bytes:
+    """Read a regular file of bounded size; raise an OSError where it is another kind of file, or larger."""
+    # Without O_NONBLOCK, opening a pipe waits for its writer.
+    try:
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except ValueError as error:  # a name that no file can have
+        raise OSError(errno.EINVAL, str(error), str(path)) from None
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise _irregular(found, path, "read")
+        if found.st_size > LARGEST_FILE:
+            raise OSError(errno.EFBIG, f"must have at most {LARGEST_FILE:,} bytes", str(path))
+        with open(descriptor, "rb", closefd=False) as file:
+            return file.read(found.st_size)
+    finally:
+        os.close(descriptor)
+
+
+def read_text(path: str | PathLike[str], refused: type[FaultyInputError]) -> str:
+    """Read a text file, UTF-8; raise an error of a class where it holds other bytes."""
+    raw = read_bytes(path)
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise refused(str(path), [_not_text(raw, error)]) from None
+
+
+def _not_text(raw: bytes, error: UnicodeDecodeError) -> Fault:
+    return Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")
+
+
 def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:
     """Read the mapping that a file holds."""
     suffix = Path(path).suffix.lower()
     if suffix not in (*YAML_SUFFIXES, JSON_SUFFIX):
         return None, [_wrong_suffix(path)]
-    raw = Path(path).read_bytes()
+    raw = read_bytes(path)
     try:
         text = raw.decode("utf-8-sig")
         data, faults = _parse_json(text) if suffix == JSON_SUFFIX else _parse_yaml(text)
     except UnicodeDecodeError as error:
-        return None, [Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")]
+        return None, [_not_text(raw, error)]
     except RecursionError:
         return None, [Fault("", text, "must not be nested this deeply")]
     except _SyntaxFault as error:
@@ -105,10 +140,42 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any:
     """Read a JSON file; raise an error of a class where the file is not JSON."""
+    return parse_json(read_text(path, refused), str(path), refused)
+
+
+def parse_json(text: str, source: str, refused: type[FaultyInputError], place: str = "") -> Any:
+    """Parse JSON; raise an error of a class, of a place, where it is not JSON, too deep, or has half characters."""
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # also bytes that are no text, and numbers of thousands of digits
-        raise refused(str(path), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:  # also whole numbers of thousands of digits
+        raise refused(source, [Fault(place, text, f"not a JSON file: {error}")]) from None
+    if _is_deep(data):
+        raise refused(source, [Fault(place, text, f"must not be nested deeper than {DEEPEST} levels")])
+    if _HALF.search(text):
+        try:
+            json.dumps(data, ensure_ascii=False).encode()
+        except UnicodeEncodeError:
+            raise refused(source, [Fault(place, MISSING, "must be text without lone surrogates")]) from None
+    return data
+
+
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")  # escape of one half of a character
+
+
+def _is_deep(data: Any) -> bool:
+    """True if there are more levels of lists and mappings than a file may have."""
+    level = [data]
+    for _ in range(DEEPEST + 1):
+        level = [
+            each
+            for part in level
+            if isinstance(part, (dict, list))
+            for each in (part.values() if isinstance(part, dict) else part)
+            if isinstance(each, (dict, list))
+        ]
+        if not level:
+            return False
+    return True
 
 
 def write_rows(path: str | PathLike[str], kind: type, rows: Iterable[Any], without: Sequence[str] = ()) -> None:
@@ -143,12 +210,17 @@ def regular_target(path: str | PathLike[str]) -> Path:
     except FileNotFoundError:
         return target
     if not stat.S_ISREG(found.st_mode):
-        kind = next((name for is_kind, name in _KINDS if is_kind(found.st_mode)), "something else")
-        code = errno.EISDIR if stat.S_ISDIR(found.st_mode) else errno.EINVAL
-        raise OSError(code, f"must not be {kind}; only regular files are written", str(path))
+        raise _irregular(found, path, "written")
     if any(os.path.samestat(found, stream) for stream in _printed_to()):
         raise OSError(errno.EINVAL, "must not be where what is printed goes", str(path))
     return target
+
+
+def _irregular(found: os.stat_result, path: str | PathLike[str], done: str) -> OSError:
+    """Give the error of what is no regular file."""
+    kind = next((name for is_kind, name in _KINDS if is_kind(found.st_mode)), "something else")
+    code = errno.EISDIR if stat.S_ISDIR(found.st_mode) else errno.EINVAL
+    return OSError(code, f"must not be {kind}; only regular files are {done}", str(path))
 
 
 _KINDS = (

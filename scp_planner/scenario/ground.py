@@ -95,11 +95,13 @@ def read_ground(data: Any, folder: Path) -> list[Fault]:
     del data["ground"]
     try:
         rings = read_polygons(path)
-        pieces = [piece.vertices for ring in rings for piece in convex_pieces(tuple((x, y) for x, y in ring))]
+        pieces = [piece.vertices for ring in rings for piece in convex_pieces(tuple(ring))]
     except OSError as error:
         return [Fault("ground.map", name, f"must be the name of a file that can be read ({error.strerror})")]
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        text = str(error) if isinstance(error, ValueError) else "must be GeoJSON with polygons of [x, y] in m"
-        return [Fault("ground.map", name, text)]
-    data["walls"] = [*(data.get("walls") or []), *(piece.tolist() for piece in pieces if piece is not None)]
+    except ScenarioError as error:
+        return [Fault(f"ground.map ({name}){'.' if f.path else ''}{f.path}", f.value, f.message) for f in error.faults]
+    walls = data.get("walls") or []
+    if not isinstance(walls, list):
+        return []  # a fault of its own
+    data["walls"] = [*walls, *(piece.tolist() for piece in pieces if piece is not None)]
     return []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -16,10 +16,14 @@ from scp_planner import files
 from scp_planner.arrays import Mask
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.mathematics.occupancy import OccupancyMap
+from scp_planner.scenario.checks import polygon_faults
+from scp_planner.units import Point
 
 MODES = ("trinary", "scale", "raw")
 UNKNOWN = ("occupied", "free")
 GEOJSON = (".geojson", ".json")
+MOST_CELLS = 2**26
+"""Largest number of cells of a picture times its colours."""
 
 
 def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyMap:
@@ -55,7 +59,7 @@ def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyM
         raise ScenarioError(str(path), faults)
     picture = Path(path).parent / data["image"]
     try:
-        values, largest = read_picture(picture.read_bytes())
+        values, largest = read_picture(files.read_bytes(picture))
     except ValueError as error:
         raise ScenarioError(str(path), [Fault("image", data["image"], str(error))]) from None
     x, y, yaw = (float(value) for value in data["origin"])
@@ -102,7 +106,7 @@ def _faults_of(data: dict[str, Any]) -> Iterator[Fault]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= files.LARGEST_COORDINATE
 
 
 def _occupied(values: np.ndarray, largest: int, data: dict[str, Any], unknown: bool) -> Mask:
@@ -131,30 +135,18 @@ def read_picture(raw: bytes) -> tuple[np.ndarray, int]:
 
 
 def _pgm(raw: bytes) -> tuple[np.ndarray, int]:
-    numbers: list[int] = []
-    place = 2
-    while len(numbers) < 3:
-        while place < len(raw) and raw[place : place + 1].isspace():
-            place += 1
-        if raw[place : place + 1] == b"#":
-            place = raw.find(b"\n", place) + 1 or len(raw)
-            continue
-        end = place
-        while end < len(raw) and raw[end : end + 1].isdigit():
-            end += 1
-        if end == place:
-            raise ValueError("must begin with its width, height and largest value")
-        numbers.append(int(raw[place:end]))
-        place = end
-    width, height, largest = numbers
+    (width, height, largest), place = _pgm_header(raw)
     if not (width > 0 and height > 0 and 0 < largest < 65536):
-        raise ValueError(f"must have a width, a height and a largest value below 65536, not {numbers}")
+        text = f"must have a width, a height and a largest value below 65536, not {[width, height, largest]}"
+        raise ValueError(text)
+    _check_cells(width, height, 1)
     kind = np.dtype(np.uint8 if largest < 256 else ">u2")
     values: np.ndarray
     if raw[:2] == b"P2":
-        values = np.array(raw[place:].split(), dtype=np.int64)
+        values = _plain_values(raw[place:])
     else:
-        values = np.frombuffer(raw, kind, min(width * height, (len(raw) - place - 1) // kind.itemsize), place + 1)
+        count = min(width * height, max(len(raw) - place - 1, 0) // kind.itemsize)
+        values = np.frombuffer(raw[place + 1 :], kind, count)
     if len(values) < width * height:
         raise ValueError(f"must have {width} x {height} values, not {len(values)}")
     values = values[: width * height].reshape(height, width)
@@ -163,27 +155,46 @@ def _pgm(raw: bytes) -> tuple[np.ndarray, int]:
     return values, largest
 
 
+_PGM_NUMBER = re.compile(rb"(?:\s+|#[^\n]*\n)*+(\d{1,9})(?!\d)")
+
+
+def _pgm_header(raw: bytes) -> tuple[list[int], int]:
+    """Return width, height and largest value of a PGM, and where they end."""
+    numbers, place = [], 2
+    for _ in range(3):
+        found = _PGM_NUMBER.match(raw, place)
+        if found is None:
+            raise ValueError(f"must begin with its width, height and largest value, of at most {_DIGITS} digits")
+        numbers.append(int(found[1]))
+        place = found.end()
+    return numbers, place
+
+
+_DIGITS = 9
+
+
+def _plain_values(text: bytes) -> np.ndarray:
+    """Return the values of a P2 picture."""
+    wrong = re.search(rb"[^\d\s]|\d{%d}" % (_DIGITS + 1), text)
+    if wrong:
+        raise ValueError(f"must have whole numbers of at most {_DIGITS} digits, not {wrong[0].decode('latin-1')!r}")
+    return np.fromstring(text.decode("ascii"), dtype=np.int64, sep=" ")
+
+
+def _check_cells(width: int, height: int, channels: int) -> None:
+    """Refuse a picture that is too large to hold, by its header."""
+    if width * height * channels > MOST_CELLS:
+        raise ValueError(f"must have at most {MOST_CELLS:,} cells and colours, not {width} x {height} x {channels}")
+
+
 def _png(raw: bytes) -> tuple[np.ndarray, int]:
-    place, packed, header = 8, [], None
-    while place + 8 <= len(raw):
-        (length,) = struct.unpack(">I", raw[place : place + 4])
-        kind, body = raw[place + 4 : place + 8], raw[place + 8 : place + 8 + length]
-        if kind == b"IHDR":
-            header = struct.unpack(">IIBBBBB", body)
-        elif kind == b"IDAT":
-            packed.append(body)
-        place += 12 + length
-    if header is None:
-        raise ValueError("must be a whole PNG picture")
+    header, packed = _png_chunks(raw)
     width, height, depth, colour, _, _, interlaced = header
     channels = {0: 1, 2: 3, 4: 2, 6: 4}.get(colour)  # grey, red to blue, both with transparency
     if depth not in (8, 16) or channels is None or interlaced:
         raise ValueError("must be a PNG picture of 8 or 16 bits, grey or in colours without a palette, not interlaced")
-    try:
-        lines = np.frombuffer(zlib.decompress(b"".join(packed)), np.uint8)
-        lines = lines.reshape(height, 1 + width * channels * depth // 8)
-    except (zlib.error, ValueError):
-        raise ValueError("must be a whole PNG picture") from None
+    _check_cells(width, height, channels)
+    lines = _inflated(packed, height * (1 + width * channels * depth // 8)).reshape(height, -1)
     values = _unfiltered(lines[:, 0], lines[:, 1:].copy(), channels * depth // 8)
     if depth == 16:
         values = values.view(">u2")
@@ -191,6 +202,33 @@ def _png(raw: bytes) -> tuple[np.ndarray, int]:
     if channels > 2:
         values = values[:, :, :3].mean(axis=2).astype(np.int64)[:, :, None]  # without the transparency
     return values[:, :, 0], 2**depth - 1
+
+
+def _png_chunks(raw: bytes) -> tuple[tuple[int, ...], bytes]:
+    """Return the numbers of the header of a PNG, and its packed lines."""
+    place, packed, header = 8, [], None
+    while place + 8 <= len(raw):
+        (length,) = struct.unpack(">I", raw[place : place + 4])
+        kind, body = raw[place + 4 : place + 8], raw[place + 8 : place + 8 + length]
+        if kind == b"IHDR" and len(body) == 13:
+            header = struct.unpack(">IIBBBBB", body)
+        elif kind == b"IDAT":
+            packed.append(body)
+        place += 12 + length
+    if header is None or 0 in header[:2]:
+        raise ValueError("must be a whole PNG picture")
+    return header, b"".join(packed)
+
+
+def _inflated(packed: bytes, size: int) -> np.ndarray:
+    """Inflate bytes, of which there must be as many as the header says: no more are made than one too many."""
+    try:
+        found = zlib.decompressobj().decompress(packed, size + 1)
+    except zlib.error:
+        found = b""
+    if len(found) != size:
+        raise ValueError("must be a whole PNG picture")
+    return np.frombuffer(found, np.uint8)
 
 
 def _unfiltered(kinds: np.ndarray, lines: np.ndarray, pixel: int) -> np.ndarray:
@@ -220,38 +258,73 @@ def _unfiltered(kinds: np.ndarray, lines: np.ndarray, pixel: int) -> np.ndarray:
     return wide[1:, 1:].astype(np.uint8).reshape(rows, count)
 
 
-def read_polygons(path: Path) -> list[list[list[float]]]:
+def read_polygons(path: Path) -> list[list[Point]]:
     """Return the outer rings of the polygons of a GeoJSON file in metres, without their repeated last point.
 
-    ValueError says what is in it that cannot be used.
+    A ScenarioError names the place in the file of whatever is no simple polygon.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except ValueError:
-        raise ValueError("must be GeoJSON") from None
-    rings: list[list[list[float]]] = []
-    for geometry in _geometries(data):
-        kind = geometry.get("type")
-        if kind not in ("Polygon", "MultiPolygon"):
-            raise ValueError(f"must hold polygons alone, not {kind!r}")
-        for polygon in [geometry["coordinates"]] if kind == "Polygon" else geometry["coordinates"]:
-            if len(polygon) > 1:
-                raise ValueError("must hold polygons without holes: cut them along a line")
-            ring = [[float(x), float(y)] for x, y, *_ in polygon[0]]
-            rings.append(ring[:-1] if ring[0] == ring[-1] else ring)
+    rings, faults = [], []
+    for place, found in _polygons(files.read_json(path, ScenarioError), ""):
+        wrong = [found] if isinstance(found, Fault) else list(_ring_faults(place, found))
+        faults += wrong
+        if not wrong:
+            rings.append(_corners(found[0]))
+    if faults:
+        raise ScenarioError(str(path), faults[:MOST_FAULTS])
     return rings
 
 
-def _geometries(data: Any) -> Iterator[dict[str, Any]]:
+MOST_FAULTS = 20
+"""Faults of a GeoJSON file that are listed."""
+
+
+def _polygons(data: Any, place: str) -> Iterator[tuple[str, Any]]:
+    """Yield the polygons of a GeoJSON object with their places, or a fault; a feature may have no geometry."""
     kind = data.get("type") if isinstance(data, dict) else None
-    if kind == "FeatureCollection":
-        for feature in data["features"]:
-            yield from _geometries(feature)
-    elif kind == "GeometryCollection":
-        yield from data["geometries"]
-    elif kind == "Feature":
-        yield data["geometry"]
-    elif kind is not None:
-        yield data
+    below = f"{place}." if place else ""
+    parts = {"FeatureCollection": "features", "GeometryCollection": "geometries", "MultiPolygon": "coordinates"}
+    if kind == "Feature" and "geometry" in data:
+        if data["geometry"] is not None:
+            yield from _polygons(data["geometry"], f"{below}geometry")
+    elif kind == "Polygon":
+        yield f"{below}coordinates", data.get("coordinates", MISSING)
+    elif isinstance(kind, str) and kind in parts:
+        key = parts[kind]
+        each = data.get(key, MISSING)
+        if not isinstance(each, list):
+            yield place, Fault(f"{below}{key}", each, "must be a list")
+            return
+        for number, one in enumerate(each):
+            within = f"{below}{key}[{number}]"
+            yield from [(within, one)] if kind == "MultiPolygon" else _polygons(one, within)
     else:
-        raise ValueError("must be GeoJSON, an object with a type")
+        yield place, Fault(place, data, "must be GeoJSON that holds polygons alone")
+
+
+def _ring_faults(place: str, polygon: Any) -> Iterator[Fault]:
+    """Yield what makes a polygon of GeoJSON none with one simple ring."""
+    if not isinstance(polygon, list) or len(polygon) != 1:
+        holes = isinstance(polygon, list) and len(polygon) > 1
+        yield Fault(place, polygon, "must be without holes: split it in two" if holes else "must be a list of one ring")
+        return
+    ring, place = polygon[0], f"{place}[0]"
+    if not isinstance(ring, list):
+        yield Fault(place, ring, "must be a list of points [x, y], m")
+        return
+    for number, point in enumerate(ring):
+        if not (isinstance(point, list) and len(point) > 1 and all(_is_number(value) for value in point[:2])):
+            text = f"must be [x, y], m, numbers of at most {files.LARGEST_COORDINATE:g} in size"
+            yield Fault(f"{place}[{number}]", point, text)
+            return
+    corners = _corners(ring)
+    if len(corners) < 3:
+        yield Fault(place, ring, "must have at least 3 points that differ")
+        return
+    for objection in polygon_faults(corners):
+        yield Fault(place, objection.value, objection.message)
+
+
+def _corners(ring: list[list[float]]) -> list[Point]:
+    """Return the points of a ring, none twice in a row."""
+    points = [(float(point[0]), float(point[1])) for point in ring]
+    return [point for number, point in enumerate(points) if point != points[number - 1]]

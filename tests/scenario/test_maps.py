@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 from scenes import scene
 from scipy.spatial import cKDTree
-from shapely import MultiPolygon, Point, box
+from shapely import MultiPolygon, Point, Polygon, box, union_all
 from shapely.affinity import affine_transform
 
 import scp_planner as sp
@@ -224,3 +226,120 @@ def test_a_vehicle_that_begins_with_its_back_to_the_goal_turns_where_there_is_ro
     rows, columns = np.nonzero(cells)
     tree = cKDTree(0.05 * (np.stack([columns, rows], axis=1) + 0.5))
     assert tree.query(places)[0].min() > 0.3  # from the middle of any cell
+
+
+def ring_of(rng: np.random.Generator) -> list[list[float]]:
+    """A ring of random corners about a point; some crossing, slit, doubled or in line."""
+    count = int(rng.integers(3, 9))
+    angles = rng.uniform(0.0, 2.0 * np.pi, count)
+    if rng.random() < 0.7:
+        angles = np.sort(angles)
+    ring = (rng.uniform(1.0, 5.0, (count, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=1)).tolist()
+    place = int(rng.integers(count))
+    match int(rng.integers(5)):
+        case 0:
+            ring.insert(place, ring[place])
+        case 1:
+            ring.insert(place, [0.5 * (a + b) for a, b in zip(ring[place - 1], ring[place], strict=True)])
+        case 2:
+            ring[place:place] = [ring[place], [0.1, 0.2]]  # out and back
+        case 3:  # a hole, cut open along a line
+            hole = [[0.2, 0.1], [0.1, 0.3], [-0.1, 0.2]]
+            ring[place:place] = [ring[place], *hole, hole[0]]
+    return [*ring, ring[0]]
+
+
+def test_polygons_of_geojson_are_those_of_shapely_or_refused_by_their_index(tmp_path: Path) -> None:
+    rng, taken, refused = np.random.default_rng(8), 0, 0
+    ends = ([-30.0, -30.0], [30.0, -30.0])
+    file = tmp_path / "scene.json"
+    for _ in range(120):
+        ring = ring_of(rng)
+        shape = Polygon(ring)
+        square = [[[20.0, 20.0], [21.0, 20.0], [21.0, 21.0], [20.0, 20.0]]]
+        polygons = {"type": "MultiPolygon", "coordinates": [square, [ring]]}
+        (tmp_path / "site.geojson").write_text(json.dumps(polygons))
+        data = over(None, ends).to_dict() | {"ground": {"map": "site.geojson"}}
+        file.write_text(json.dumps(data))
+        if not shape.is_valid or shape.area < 1e-6:
+            refused += 1
+            with pytest.raises(sp.ScenarioError) as caught:
+                sp.Scenario.load(file)
+            assert all("coordinates[1]" in fault.path for fault in caught.value.faults)
+            continue
+        taken += 1
+        walls = [Polygon(wall) for wall in sp.Scenario.load(file).walls]
+        assert sum(wall.area for wall in walls) == pytest.approx(shape.area + 0.5, rel=1e-9)
+        assert union_all(walls[1:]).symmetric_difference(shape).area <= 1e-9 * shape.area
+    assert taken > 30 and refused > 30
+
+
+@pytest.mark.parametrize(
+    ("geojson", "place"),
+    [
+        ({"type": "GeometryCollection", "geometries": [5]}, "geometries[0] = 5"),
+        ({"type": "Feature"}, "= {'type': 'Feature'}"),
+        ({"type": "Polygon", "coordinates": [[[10**400, 0], [1, 0], [1, 1]]]}, "coordinates[0][0] = "),
+        ({"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1]], [[0, 0]]]}, "without holes"),
+        ({"type": "FeatureCollection", "features": {}}, "features = {}"),
+        ({"type": "Point", "coordinates": [0, 0]}, "polygons alone"),
+    ],
+)
+def test_faults_of_geojson_are_named_by_their_place(geojson: Any, place: str, tmp_path: Path) -> None:
+    (tmp_path / "site.geojson").write_text(json.dumps(geojson))
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(over(None, ([0, 0], [9, 0])).to_dict() | {"ground": {"map": "site.geojson"}}))
+    with pytest.raises(sp.ScenarioError) as caught:
+        sp.Scenario.load(file)
+    assert "ground.map (site.geojson)" in str(caught.value) and place in str(caught.value)
+
+
+def test_a_feature_without_geometry_is_no_fault(tmp_path: Path) -> None:
+    empty: dict[str, Any] = {"type": "Feature", "geometry": None, "properties": {}}
+    (tmp_path / "site.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [empty]}))
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(over(None, ([0, 0], [9, 0])).to_dict() | {"ground": {"map": "site.geojson"}}))
+    assert sp.Scenario.load(file).walls == ()
+
+
+def bomb() -> bytes:
+    """A PNG of 70 MB that says it has four cells, of one byte each."""
+    found = b"\x89PNG\r\n\x1a\n"
+    header = struct.pack(">IIBBBBB", 2, 2, 8, 0, 0, 0, 0)
+    for name, body in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(70 * 10**6)))):
+        found += struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    return found
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"\x89PNG\r\n\x1a\n\0\0\0\x04IHDR\0\0\0\0\0\0\0\0",
+        b"P2\n2 2\n255\n99999999999999999999999 0 0 0",
+        b"P2 2 2 255 0 -1 0 0",
+        b"P5 99999999999 2 255\n",
+        b"P5 999999999 999999999 255\n\0\0",
+        b"P5 2 2 255",
+        bomb(),
+    ],
+    ids=["short header", "long number", "sign", "long width", "too large", "no values", "bomb"],
+)
+def test_pictures_are_refused_by_their_header(raw: bytes, tmp_path: Path) -> None:
+    (tmp_path / "i.png").write_bytes(raw)
+    file = tmp_path / "m.yaml"
+    file.write_text("image: i.png\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    tracemalloc.start()
+    with pytest.raises(sp.ScenarioError, match=r"image = 'i\.png': must"):
+        sp.load_map(file)
+    assert tracemalloc.get_traced_memory()[1] < 10**7
+    tracemalloc.stop()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_what_is_no_regular_file_is_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "i.pgm")
+    file = tmp_path / "m.yaml"
+    for picture in ("i.pgm", "/dev/zero", "."):
+        file.write_text(f"image: {picture}\nresolution: 0.1\norigin: [0, 0, 0]\n")
+        with pytest.raises(OSError, match="only regular files are read"):
+            sp.load_map(file)
