@@ -20,15 +20,15 @@ def read_fields(reader: KeyReader) -> dict[str, Any]:
     data = reader.data
     limits = reader.part("limits")
     return {
-        "scenario": str(reader.get("scenario")),
-        "reason": reader.get("reason"),
-        "method": str(reader.get("method")),
-        "solver": str(reader.get("solver")),
+        "scenario": reader.text("scenario"),
+        "reason": reader.optional("reason", reader.text),
+        "method": reader.text("method"),
+        "solver": reader.text("solver"),
         "iterations": reader.integer("iterations", 0, None),
         "wall_time": reader.number("wall_time"),
         "clearance": _clearance_read(reader.part("clearance")),
         "limits": {
-            key: LimitUse(part.number("worst"), part.get("limit"), part.number("time"))
+            key: LimitUse(part.number("worst"), part.optional("limit", part.number), part.number("time"))
             for key in limits.data
             for part in (limits.part(key),)
         },
@@ -41,10 +41,10 @@ def read_fields(reader: KeyReader) -> dict[str, Any]:
 def _commonroad_read(part: KeyReader) -> dict[str, Any]:
     """Check the kinds of values alone: what models and cars there are is known to those who plan for them."""
     return {
-        **{key: str(part.get(key)) for key in ("model", "car")},
+        **{key: part.text(key) for key in ("model", "car")},
         **{key: part.integer(key, 0, None) for key in ("problem", "state", "discs")},
         **{key: part.number(key) for key in ("timed_way", "depth")},
-        "turn": None if part.get("turn") is None else part.number("turn"),
+        "turn": part.optional("turn", part.number),
     }
 
 
@@ -61,8 +61,9 @@ def clearance_written(clearance: Clearance) -> dict[str, Any]:
 def _clearance_read(part: KeyReader) -> Clearance:
     minimum = -inf
     if "minimum" in part.data:
-        minimum = inf if part.get("minimum") is None else part.number("minimum")
-    return Clearance(minimum, part.get("obstacle"), part.get("time"))
+        found = part.optional("minimum", part.number)
+        minimum = inf if found is None else found
+    return Clearance(minimum, part.optional("obstacle", part.text), part.optional("time", part.number))
 
 
 @dataclass(frozen=True)

@@ -150,17 +150,26 @@ def _obstacle(
 
 def _directions(known: Array, centers: Array, time: Array) -> Array:
     """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
-    velocity = np.gradient(centers, known, axis=0)
+    velocity = _rates(centers, known)
     # m/s: slower motion has no direction.
     angle = np.where(np.hypot(*velocity.T) < 1e-6, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
     nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
     return nearest
 
 
+def _rates(values: Array, times: Array) -> Array:
+    """Derivatives of values (n, ...) by times (n,), some of which may be equal; 0 where all are."""
+    later = np.concatenate([[True], np.diff(times) > 0.0])
+    if later.sum() < 2:
+        return np.zeros_like(values, dtype=float)
+    rates: Array = np.gradient(values[later], times[later], axis=0)[np.cumsum(later) - 1]
+    return rates
+
+
 def _driven(run: Run) -> tuple[Array, Array]:
     """Acceleration, m/s2, and curvature, 1/m, of what was driven; no curvature while standing."""
-    acceleration = np.gradient(run.speed, run.time)
-    turning = np.gradient(np.unwrap(run.heading), run.time)
+    acceleration = _rates(run.speed, run.time)
+    turning = _rates(np.unwrap(run.heading), run.time)
     # Below that the curvature is a quotient of two differences near 0.
     moving = run.speed > 0.01 * run.scenario.vehicle.max_speed
     return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)

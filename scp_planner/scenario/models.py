@@ -261,7 +261,7 @@ def _check_count(path: str | PathLike[str]) -> None:
     """Refuse a file of far more obstacles than a trip can be planned among, before it is parsed."""
     if Path(path).stat().st_size < MOST_OBSTACLES * len(_SHAPE):
         return
-    count = Path(path).read_bytes().count(_SHAPE)
+    count = files.read_bytes(path).count(_SHAPE)
     if count > MOST_OBSTACLES:
         text = f"too many: about {count}; a file may have at most {MOST_OBSTACLES}"
         raise ScenarioError(str(path), [Fault("obstacles", MISSING, text)])

@@ -8,8 +8,6 @@ from typing import Any, Self
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics.outlines import Outline
-from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.simulation.sensors import Observation
 from scp_planner.threat_zones.zone import ThreatZone
@@ -88,21 +86,6 @@ def record_to_dict(record: Cycle) -> dict[str, Any]:
     }
 
 
-def record_from_dict(data: dict[str, Any]) -> Cycle:
-    """Return a cycle of what `record_to_dict` made, after JSON."""
-    given = {
-        "position": tuple(data["position"]),
-        "observations": tuple(
-            Observation(**{**seen, "position": tuple(seen["position"])}) for seen in data["observations"]
-        ),
-        "zones": tuple(_zone_from_dict(zone) for zone in data["zones"]),
-        "truth": tuple((name, tuple(place)) for name, place in data["truth"].items()),
-        "clearance": infinite(data["clearance"]),
-        "candidates": tuple(data.get("candidates", ())),
-    }
-    return Cycle(**{**data, **given})
-
-
 def _zone_to_dict(zone: ThreatZone) -> dict[str, Any]:
     """Coefficients of the centre, (S, P, 2), and of the covariance, (S, P, 3), and the numbers of the outlines."""
     centers, spread = zone.centers, zone.covariances
@@ -118,20 +101,6 @@ def _zone_to_dict(zone: ThreatZone) -> dict[str, Any]:
             for each in zone.outlines
         ],
     }
-
-
-def _zone_from_dict(data: dict[str, Any]) -> ThreatZone:
-    def polynomials(breakpoints: str, coefficients: str) -> PiecewisePolynomials:
-        return PiecewisePolynomials(np.array([[*map(infinite, data[breakpoints])]]), np.array([data[coefficients]]))
-
-    def array(value: Any) -> Array | None:
-        return None if value is None else np.array(value)
-
-    outlines = (
-        Outline(array(each["vertices"]), array(each["matrix"]), each["turning"]) for each in data.get("outlines", ())
-    )
-    spread = None if data["covariance"] is None else polynomials("covariance_breakpoints", "covariance")
-    return ThreatZone(data["id"], data["radius"], polynomials("breakpoints", "center"), spread, tuple(outlines))
 
 
 def _listed(values: Array | None) -> Any:

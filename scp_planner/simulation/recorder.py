@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from os import PathLike
@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 import numpy as np
 
 from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import parse_json, read_text
 from scp_planner.outputs import output_named
+from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.underway import Underway
+from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import changed
-from scp_planner.simulation.cycle import Cycle, State, record_from_dict, record_to_dict
-from scp_planner.simulation.run import Run, plan_from_dict, plan_to_dict, shape_from_dict
+from scp_planner.simulation.cycle import Cycle, State, record_to_dict
+from scp_planner.simulation.run import Run, plan_to_dict
+from scp_planner.simulation.run_file import ChangeLine, FirstLine, ReplanLine, ShapeLine, read_part, read_plan
 from scp_planner.simulation.sensors import Observation
 
 if TYPE_CHECKING:
@@ -145,28 +148,44 @@ class Recorder:
 
 
 def load_recording(path: str | PathLike[str]) -> Run:
-    """Read a recording as a run; a last line that is not whole is left out."""
-    lines: list[dict[str, Any]] = []
-    for text in Path(path).read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            lines.append(json.loads(text))
-        except json.JSONDecodeError:
-            break
+    """Read a recording as a run; a last line without its end, as a crash leaves it, is left out."""
+    *whole, _ = read_text(path, PlanError).split("\n")
+    lines = (parse_json(line, str(path), PlanError, f"line {number}") for number, line in enumerate(whole, 1))
     return run_of(lines, str(path))
 
 
-def run_of(lines: Iterable[Mapping[str, Any]], name: str) -> Run:
+def run_of(lines: Iterable[Any], name: str) -> Run:
     """Make a run of the lines of a recording: what was driven is known at the replans, true obstacles are not."""
-    first, *rest = lines or [{}]
-    told = [line for line in rest if "cycle" in line]
-    if "scenario" not in first or not told:
-        raise PlanError(name, [Fault("", MISSING, "not a recording, or one without any replan")])
-    cycles = tuple(record_from_dict({**line["cycle"], "wall_time": line["wall_time"]}) for line in told)
+    nothing = PlanError(name, [Fault("", MISSING, "not a recording, or one without any replan")])
+    found = [*lines]
+    if not found:
+        raise nothing
+    first, *rest = found
+    begin = read_part(FirstLine, first, name, "line 1")
+    replans: list[tuple[ReplanLine, Plan]] = []
+    shapes: dict[str, Shape] = {}
+    changes: list[Scenario] = []
+    for number, data in enumerate(rest, 2):
+        keys, place = data if isinstance(data, dict) else {}, f"line {number}"
+        if "shape" in keys:
+            added = read_part(ShapeLine, data, name, place)
+            shapes[added.obstacle] = added.shape
+        elif "changed" in keys:
+            changes.append(read_part(ChangeLine, data, name, place).changed)
+        else:
+            line = read_part(ReplanLine, data, name, place)
+            if replans and line.cycle.time < replans[-1][0].cycle.time:
+                fault = Fault(f"{place}.cycle.time", line.cycle.time, "must not be before that of the replan before")
+                raise PlanError(name, [fault])
+            replans.append((line, read_plan(line.plan, name, f"{place}.plan")))
+    if not replans:
+        raise nothing
+    cycles = tuple(line.cycle.cycle(wall_time=line.wall_time) for line, _ in replans)
     time = np.array([cycle.time for cycle in cycles])
     return Run(
-        scenario=Scenario.model_validate(first["scenario"]),
+        scenario=begin.scenario,
         seed=0,
-        arrived=bool(told[-1]["arrived"]),
+        arrived=replans[-1][0].arrived,
         contact=False,
         contact_standing=False,
         travel_time=float(time[-1] - time[0]),
@@ -177,7 +196,7 @@ def run_of(lines: Iterable[Mapping[str, Any]], name: str) -> Run:
         heading=np.array([cycle.heading for cycle in cycles]),
         speed=np.abs([cycle.speed for cycle in cycles]),
         obstacles={},
-        plans=tuple(plan_from_dict(line["plan"], name) for line in told),
-        shapes={line["obstacle"]: shape_from_dict(line["shape"]) for line in rest if "shape" in line},
-        changes=tuple(Underway.model_validate(line["changed"]) for line in rest if "changed" in line),
+        plans=tuple(plan for _, plan in replans),
+        shapes=shapes,
+        changes=tuple(changes),
     )

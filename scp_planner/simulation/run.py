@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.errors import PlanError
 from scp_planner.files import read_json, write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.reasons import ReasonCode
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.models import Obstacle, Scenario
+from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.shapes import Disc, Shape
-from scp_planner.scenario.underway import Underway
-from scp_planner.simulation.cycle import Cycle, finite, infinite, record_from_dict, record_to_dict
+from scp_planner.simulation.cycle import Cycle, finite, infinite, record_to_dict
+from scp_planner.simulation.run_file import RunPart, read_part, read_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -171,32 +170,29 @@ class Run:
         if name.lower().endswith(".jsonl"):
             found: Self = output_named("run recorded")(path)
             return found
-        data = read_json(path, PlanError)
-        try:
-            course = data["course"]
-            return cls(
-                scenario=Scenario.model_validate(data["scenario"]),
-                seed=data["seed"],
-                arrived=data["arrived"],
-                contact=data["contact"],
-                contact_standing=data["contact_standing"],
-                travel_time=data["travel_time"],
-                least_clearance=infinite(data["least_clearance"]),
-                records=tuple(record_from_dict(record) for record in data["records"]),
-                time=np.array(course["time"]),
-                position=np.array(course["position"]).reshape(-1, 2),
-                heading=np.array(course["heading"]),
-                speed=np.array(course["speed"]),
-                obstacles={
-                    key: np.array([[np.nan, np.nan] if place is None else place for place in center])
-                    for key, center in course["obstacles"].items()
-                },
-                plans=tuple(plan_from_dict(plan, name) for plan in data["plans"]),
-                shapes={key: shape_from_dict(shape) for key, shape in data["shapes"].items()},
-                changes=tuple(map(Underway.model_validate, data.get("changes", ()))),
-            )
-        except (KeyError, TypeError, IndexError) as error:
-            raise PlanError(name, [Fault("", MISSING, f"not a run file: {error!r}")]) from None
+        data = read_part(RunPart, read_json(path, PlanError), name)
+        course = data.course
+        return cls(
+            scenario=data.scenario,
+            seed=data.seed,
+            arrived=data.arrived,
+            contact=data.contact,
+            contact_standing=data.contact_standing,
+            travel_time=data.travel_time,
+            least_clearance=infinite(data.least_clearance),
+            records=tuple(record.cycle() for record in data.records),
+            time=np.array(course.time),
+            position=np.array(course.position),
+            heading=np.array(course.heading),
+            speed=np.array(course.speed),
+            obstacles={
+                key: np.array([[np.nan, np.nan] if place is None else place for place in center])
+                for key, center in course.obstacles.items()
+            },
+            plans=tuple(read_plan(plan, name, f"plans[{number}]") for number, plan in enumerate(data.plans)),
+            shapes=data.shapes,
+            changes=tuple(data.changes),
+        )
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Give what vehicle and obstacles did, (n,) arrays with units in their names; `pandas.DataFrame` takes it."""
@@ -254,17 +250,3 @@ def plan_to_dict(plan: Plan) -> dict[str, Any]:
     if isinstance(plan, OnlinePlan):
         data.update(outcome=str(plan.outcome), code=str(plan.code), obstacle=plan.obstacle, lasts=plan.lasts)
     return data
-
-
-def plan_from_dict(data: dict[str, Any], name: str) -> Plan:
-    plan = Plan.from_dict(data, name)
-    if "outcome" not in data:
-        return plan
-    fields = {key: getattr(plan, key) for key in Plan.__dataclass_fields__}
-    told = {key: data[key] for key in ("obstacle", "lasts") if key in data}
-    code = ReasonCode(data.get("code", ReasonCode.DRIVING))
-    return OnlinePlan(**fields, outcome=Outcome(data["outcome"]), code=code, **told)
-
-
-def shape_from_dict(data: dict[str, Any]) -> Shape:
-    return Obstacle.model_validate({"id": "any", "shape": data, "motion": {"position": [0.0, 0.0]}}).shape

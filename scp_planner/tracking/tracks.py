@@ -280,10 +280,7 @@ class _Format:
 def _read(path: Path) -> list[Track]:
     if path.suffix.lower() == _XML:
         return _read_commonroad(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TracksError(str(path), [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
+    text = files.read_text(path, TracksError)
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise TracksError(str(path), [Fault("", text, "must hold tracks; it is empty")])
@@ -310,8 +307,8 @@ def _read_commonroad(path: Path) -> list[Track]:
     from xml.etree import ElementTree
 
     try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
+        root = ElementTree.fromstring(files.read_bytes(path))
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # also encodings that there are not
         raise TracksError(str(path), [Fault("", path.name, f"must be XML ({error})")]) from None
     step = _number(root.get("timeStepSize"))
     if step is None or step <= 0.0:

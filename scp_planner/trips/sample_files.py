@@ -13,7 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, SamplesError
-from scp_planner.files import read_json
+from scp_planner.files import read_json, read_text
 from scp_planner.trips.sample_checks import MOST_FAULTS, check_columns
 
 SAMPLE_SUFFIXES = (".csv", ".npz", ".json")
@@ -110,10 +110,7 @@ def _of_npz(source: str) -> dict[str, Sequence[Any]]:
 
 
 def _of_csv(source: str, path: Path) -> dict[str, Array]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SamplesError(source, [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
+    text = read_text(path, SamplesError)
     lines = ["" if line.startswith("#") else line for line in text.splitlines()]
     first = next(filter(str.strip, lines), "")
     reader = csv.reader(lines, delimiter=delimiter_of(first))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from math import isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.tolerances import SAME_TIME
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
+
+T = TypeVar("T")
 
 
 class KeyReader:
@@ -85,6 +88,17 @@ class KeyReader:
                 f"an integer from {least} to {most}" if most is not None else f"an integer >= {least}",
             )
         return value
+
+    def text(self, key: str) -> str:
+        """Return text."""
+        value = self.get(key)
+        if not isinstance(value, str):
+            raise self.fault(key, value, "text")
+        return value
+
+    def optional(self, key: str, read: Callable[[str], T]) -> T | None:
+        """Return what is read of a key, or None if it is null."""
+        return None if self.get(key) is None else read(key)
 
     def flag(self, key: str) -> bool:
         """Return true or false."""

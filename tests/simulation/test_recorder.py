@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,3 +92,53 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.jsonl").write_text("", encoding="utf-8")
     with pytest.raises(sp.PlanError, match="without any replan"):
         sp.Run.load(tmp_path / "empty.jsonl")
+
+
+def test_a_recording_of_one_replan_is_drawn(tmp_path: Path) -> None:
+    planner = sp.Planner(scene(disc("far", (10.0, 8.0))))
+    with planner.record(tmp_path / "drive.jsonl"):
+        planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    assert len(sp.Run.load(tmp_path / "drive.jsonl").recording().time) > 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "told"),
+    [
+        (("cycle", "outcome"), 3, "line 2.cycle.outcome = 3: must be text"),
+        (("cycle", "zones", 0, "center"), [], "line 2.cycle.zones[0].center = []: must be as many polynomials"),
+        (("cycle", "zones", 0, "breakpoints"), [1.0, 0.0], "line 2.cycle.zones[0].breakpoints = [1.0, 0.0]: must incr"),
+        (("cycle", "position"), [1.0], "line 2.cycle.position = [1.0]: too short"),
+        (("cycle", "observed"), 1, "line 2.cycle.observed = 1: unknown key"),
+        (("plan", "status"), [], "line 2.plan.status = []: expected one of"),
+        (("plan", "outcome"), "x", "line 2.plan.outcome = 'x': must be one of"),
+        (("plan", "clearance", "time"), "x", "line 2.plan.clearance.time = 'x': expected a finite number"),
+        (("arrived",), "no", "line 2.arrived = 'no'"),
+    ],
+)
+def test_faults_of_a_recording_are_named_by_line_and_key(keys: Any, value: Any, told: str, tmp_path: Path) -> None:
+    planner = sp.Planner(scene(disc("far", (10.0, 8.0))))
+    file = tmp_path / "drive.jsonl"
+    with planner.record(file):
+        planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    first, second, _ = file.read_text().split("\n")
+    line = json.loads(second)
+    place = line
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    file.write_text(f"{first}\n{json.dumps(line)}\n")
+    with pytest.raises(sp.PlanError) as caught:
+        sp.Run.load(file)
+    assert told in str(caught.value) and str(file) in str(caught.value)
+
+
+def test_no_recording_is_read_in_part(tmp_path: Path) -> None:
+    """A line that is broken in the middle is a fault, not the end."""
+    planner = sp.Planner(scene(disc("far", (10.0, 8.0))))
+    file = tmp_path / "drive.jsonl"
+    with planner.record(file):
+        planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    first, second, _ = file.read_text().split("\n")
+    file.write_text(f"{first}\n{second}\n{second[:99]}\n{second}\n")
+    with pytest.raises(sp.PlanError, match=r"line 3 = .*not a JSON file"):
+        sp.Run.load(file)

@@ -14,6 +14,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
+from scp_planner.files import read_bytes
 from scp_planner.formats.commonroad import lines, roads
 from scp_planner.formats.commonroad.cars import PLANNED, VehicleModel, car_named, centre_of, swerving, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
@@ -202,7 +203,7 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
     except ImportError as error:
         raise ImportError("CommonRoad files need commonroad-io: pip install 'scp-planner[commonroad]'") from error
 
-    Path(name).open("rb").close()  # what cannot be opened is an OSError, whatever the reader makes of it
+    read_bytes(name)  # what cannot be opened is an OSError, whatever the reader makes of it
     reader_log = logging.getLogger("commonroad")
     level = reader_log.level
     reader_log.setLevel(logging.ERROR)  # it warns of old formats, which it reads all the same
