@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.files import read_bytes
+from scp_planner.errors import MISSING, Fault, ScenarioError, ScpPlannerError
+from scp_planner.files import LARGEST_COORDINATE, read_bytes
 from scp_planner.formats.commonroad import lines, roads
 from scp_planner.formats.commonroad.cars import PLANNED, VehicleModel, car_named, centre_of, swerving, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
@@ -159,7 +161,24 @@ def scenario_of(
     """Make the scenario of a file that has been read, as `load_commonroad` does."""
     if vehicle is not None and model is not None:
         raise ValueError("vehicle: a model has its own car; give the one or the other")
-    aim = aim or GoalAim()
+    named = None if model is None else VehicleModel.named(model)
+    if named is not None:
+        car_named(car, named)  # raises what is not of the file
+    with _refusing(file.name):
+        return _made(file, vehicle, guide, named, car, aim or GoalAim(), borders, discs)
+
+
+def _made(
+    file: CommonRoadFile,
+    vehicle: Vehicle | Mapping[str, Any] | None,
+    guide: bool,
+    model: VehicleModel | None,
+    car: str | None,
+    aim: GoalAim,
+    borders: bool,
+    discs: int,
+) -> Scenario:
+    """Make the scenario of a file."""
     states = file.goal_states()
     if not 0 <= aim.state < len(states):
         raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
@@ -168,7 +187,7 @@ def scenario_of(
     reader = _Reader(file, goal, guide, borders, aim)
     if model is None:
         return reader.scenario(_default_vehicle(vehicle, file.speed), None)
-    return _with_enough_discs(reader, VehicleModel.named(model), car, discs)
+    return _with_enough_discs(reader, model, car, discs)
 
 
 def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fewest: int) -> Scenario:
@@ -203,14 +222,15 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
     except ImportError as error:
         raise ImportError("CommonRoad files need commonroad-io: pip install 'scp-planner[commonroad]'") from error
 
-    read_bytes(name)  # what cannot be opened is an OSError, whatever the reader makes of it
+    faults = list(_number_faults(read_bytes(name), name))
+    if faults:
+        raise ScenarioError(name, faults[:MOST_FAULTS])
     reader_log = logging.getLogger("commonroad")
     level = reader_log.level
     reader_log.setLevel(logging.ERROR)  # it warns of old formats, which it reads all the same
     try:
-        world, problems = CommonRoadFileReader(name).open()
-    except Exception as error:  # of many kinds: of the parser, of the reader's assertions, of what it calls
-        raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
+        with _refusing(name):
+            world, problems = CommonRoadFileReader(name).open()
     finally:
         reader_log.setLevel(level)
     chosen = problems.planning_problem_dict
@@ -227,6 +247,45 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
     step, (x, y) = float(world.dt), map(float, start.position)
     begin, heading, speed = step * start.time_step, float(start.orientation), float(start.velocity)
     return CommonRoadFile(name, world, found, step, begin, (x, y), heading, speed)
+
+
+@contextmanager
+def _refusing(name: str) -> Iterator[None]:
+    """Raise a ScenarioError for whatever commonroad-io and shapely raise of the contents of a file."""
+    try:
+        yield
+    except ScpPlannerError:
+        raise
+    except Exception as error:  # of many kinds: of parsers, assertions and geometry, some only when it is asked for
+        raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
+
+
+MOST_FAULTS = 20
+"""Faults of numbers that are listed."""
+
+_NUMBERS = frozenset(("x", "y", "exact", "intervalStart", "intervalEnd", "length", "width", "radius", "orientation"))
+
+
+def _number_faults(raw: bytes, name: str) -> Iterator[Fault]:
+    """Yield the numbers of a file that are none, or too large, with the names of the elements that hold them."""
+    with _refusing(name):
+        root = ElementTree.fromstring(raw)
+    level = [("", root)]
+    while level:
+        place, element = level.pop()
+        if len(element) == 0 and element.tag in _NUMBERS and not _is_coordinate(element.text):
+            text = f"must be a number of at most {LARGEST_COORDINATE:g} in size"
+            yield Fault(place, MISSING if element.text is None else element.text, text)
+        for child in element:
+            of_id = f"[{child.get('id')}]" if child.get("id") else ""
+            level.append((f"{place}.{child.tag}{of_id}".lstrip("."), child))
+
+
+def _is_coordinate(text: str | None) -> bool:
+    try:
+        return text is not None and abs(float(text)) <= LARGEST_COORDINATE
+    except ValueError:
+        return False
 
 
 def _is_exact(value: Any, shape: tuple[int, ...]) -> bool:
