@@ -71,7 +71,8 @@ def damaged(data: Any, rng: Rng) -> Any:
     """Give a copy of nested data with some damage."""
     made = json.loads(json.dumps(data))
     for _ in range(int(rng.integers(1, 5))):
-        _damage_once(made, rng)
+        if made:
+            _damage_once(made, rng)
     return made
 
 

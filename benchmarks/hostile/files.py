@@ -155,6 +155,12 @@ def _write_samples(_: Path) -> bytes:
     return "\n".join(["t,x,y,heading,speed", *rows, ""]).encode()
 
 
+def _write_arrays(file: Path) -> bytes:
+    time = np.linspace(0.0, 3.0, 31)
+    np.savez_compressed(file, time=time, x=0.5 + 1.5 * time, y=np.full(31, 0.5))
+    return file.read_bytes()
+
+
 def _use_plan(file: Path) -> None:
     plan = sp.Plan.load(file)
     sp.certify(_scenario(), plan)
@@ -239,6 +245,7 @@ KINDS = {
     "geojson": FileKind(".geojson", _write_geojson, _use_geojson, text=True),
     "tracks": FileKind(".csv", _write_tracks, _use_tracks),
     "samples": FileKind(".csv", _write_samples, _use_samples),
+    "arrays": FileKind(".npz", _write_arrays, _use_samples),
     "scenario": FileKind(".json", lambda _: json.dumps(_scenario().to_dict()).encode(), _use_scenario_file, text=True),
     "commonroad": FileKind(".xml", lambda _: ROAD.encode(), _use_road),
 }

@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, SamplesError
-from scp_planner.files import read_json, read_text
+from scp_planner.files import LARGEST_FILE, read_bytes, read_json, read_text
 from scp_planner.trips.sample_checks import MOST_FAULTS, check_columns
 
 SAMPLE_SUFFIXES = (".csv", ".npz", ".json")
@@ -102,10 +104,14 @@ def _axes(source: str, position: Any) -> Iterable[list[Any]]:
 
 
 def _of_npz(source: str) -> dict[str, Sequence[Any]]:
+    raw = read_bytes(source)
     try:
-        with np.load(source, allow_pickle=False) as arrays:
+        with ZipFile(BytesIO(raw)) as packed:
+            if sum(each.file_size for each in packed.infolist()) > LARGEST_FILE:
+                raise ValueError(f"must have at most {LARGEST_FILE:,} bytes when it is unpacked")
+        with np.load(BytesIO(raw), allow_pickle=False) as arrays:
             return {plain_name(str(name)): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
-    except (ValueError, EOFError, AttributeError) as error:
+    except Exception as error:  # of many kinds: of archives, of what packs them, and of headers of arrays
         raise SamplesError(source, [Fault("", MISSING, f"not a file of arrays: {error}")]) from None
 
 

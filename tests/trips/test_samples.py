@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -224,3 +225,12 @@ def test_a_vehicle_that_stays_where_it_is_stands() -> None:
     np.testing.assert_array_equal(found[1:4], np.zeros((3, 2)))
     motion = SampledMotion.between(SampledTrajectory(time, position), found)
     assert (motion.velocity_at(np.arange(8), motion.end)[:, 0] >= 0.0).all()
+
+
+def test_arrays_that_unpack_to_much_are_refused_first(tmp_path: Path) -> None:
+    file = tmp_path / "trip.npz"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed, packed.open("time.npy", "w") as inside:
+        for _ in range(300):
+            inside.write(bytes(2**20))
+    with pytest.raises(SamplesError, match="when it is unpacked"):
+        SampledTrajectory.load(file)

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.errors import MISSING, Fault, ScenarioError, ScpPlannerError
+from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, ScpPlannerError
 from scp_planner.files import LARGEST_COORDINATE, read_bytes
 from scp_planner.formats.commonroad import lines, roads
 from scp_planner.formats.commonroad.cars import PLANNED, VehicleModel, car_named, centre_of, swerving, vehicle_of
@@ -254,6 +254,8 @@ def _refusing(name: str) -> Iterator[None]:
     """Raise a ScenarioError for whatever commonroad-io and shapely raise of the contents of a file."""
     try:
         yield
+    except FaultyInputError as error:
+        raise ScenarioError(name, error.faults) from None
     except ScpPlannerError:
         raise
     except Exception as error:  # of many kinds: of parsers, assertions and geometry, some only when it is asked for

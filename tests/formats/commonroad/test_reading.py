@@ -15,6 +15,7 @@ from command import run
 from shapely import Point, Polygon, box, union_all
 
 import scp_planner as sp
+from benchmarks.hostile.roads import ROAD
 from scp_planner.scenario.motions import Course
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
@@ -180,3 +181,23 @@ def test_command_plans_a_file(recorded_data: Path, tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["scenario"] == "DEU_Ffb-1_1_T-1"
     assert sp.Plan.load(tmp_path / "plan.json").stated_status == "certified"
+
+
+@pytest.mark.parametrize(
+    ("was", "put", "told"),
+    [
+        ("<y>2.0</y>", "<y>nan</y>", "lanelet[1].leftBound.point.y = 'nan': must be a number"),
+        ("<exact>8.0</exact>", "<exact>1e400</exact>", "velocity.exact = '1e400': must be a number"),
+        ("<length>4.0", "<length>x", "dynamicObstacle[2].shape.rectangle.length = 'x': must be a number"),
+        ("<x>-20.0</x>", "<x>20.0</x>", "start.position = [0.0, 0.0]: must be at least"),
+        ("</trajectory>", "", "not a CommonRoad file"),
+    ],
+)
+def test_faults_are_named_by_their_elements(was: str, put: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "road.xml"
+    file.write_text(ROAD)
+    load_commonroad(file)
+    file.write_text(ROAD.replace(was, put))
+    with pytest.raises(sp.ScenarioError) as caught:
+        load_commonroad(file)
+    assert told in str(caught.value) and str(file) in str(caught.value)
