@@ -103,7 +103,9 @@ class _Job:
 
     def scenario(self, trial: _Trial) -> Scenario:
         """Return what is to be planned."""
-        made = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
+        made = scenario_of(
+            self.file, guide=trial.guided, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs
+        )
         return made.model_copy(update={"vehicle": made.vehicle.model_copy(update=trial.soft)})
 
     def planned(self, trial: _Trial, scenario: Scenario) -> CommonRoadPlan:
@@ -182,6 +184,7 @@ class _Trial:
     aim: GoalAim
     quick: bool
     thorough: bool = False
+    guided: bool = True
     discs: int = PLANNED.fewest_discs
     soft: Mapping[str, float] = field(default_factory=dict)
 
@@ -190,6 +193,8 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
     if state.places:
         # What takes longest, and hardly ever finds a trip, comes after all other aims.
         yield _Trial(GoalAim(number), quick=False)
+        # Offsets cannot undo bends of the guide within a span, as close to the start.
+        yield _Trial(GoalAim(number), quick=True, guided=False)
         if state.heading is not None:
             yield _Trial(GoalAim(number, turn=inf), quick=True)
         for depth in TRIALS.depths:
