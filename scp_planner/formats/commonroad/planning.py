@@ -11,7 +11,7 @@ from typing import Any
 
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
-from scp_planner.errors import TooLargeError
+from scp_planner.errors import ScenarioError, TooLargeError
 from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_named, default_car, softer
 from scp_planner.formats.commonroad.checker import SPEED_COLUMN, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
@@ -64,12 +64,17 @@ def plan_commonroad(
         read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
     )
     best: CommonRoadPlan | None = None
+    refusal: ScenarioError | None = None
     tried: list[Scenario] = []
-    for number, state in enumerate(job.file.goal_states()):
+    for number, state in job.file.goal_states().items():
         for trial in _trials(number, state):
             if best is not None and job.left <= 0.0:
                 break
-            scenario = job.scenario(trial)
+            try:
+                scenario = job.scenario(trial)
+            except ScenarioError as error:  # of this aim: others may do
+                refusal = refusal or error
+                continue
             if scenario in tried and not trial.thorough:
                 continue  # an aim is where another one is
             tried.append(scenario)
@@ -80,7 +85,9 @@ def plan_commonroad(
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
                 break
-    assert best is not None, "there is a goal state, or it has been refused"
+    if best is None:
+        assert refusal is not None, "there is an aim, or the goal has been refused"
+        raise refusal
     return best
 
 

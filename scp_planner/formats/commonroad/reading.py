@@ -69,8 +69,8 @@ class CommonRoadFile:
     heading: float  # at the start, rad
     speed: float  # at the start, m/s
 
-    def goal_states(self) -> list[GoalState]:
-        """Return the goal's states; ScenarioError if there is none."""
+    def goal_states(self) -> dict[int, GoalState]:
+        """Return the goal's states that may be reached, by their numbers; ScenarioError if there is none."""
         return goal_states(self.problem, self.step, self.name)
 
     def refused(self, key: str, value: object, text: str) -> ScenarioError:
@@ -158,10 +158,10 @@ def scenario_of(
     """Make the scenario of a file that has been read, as `load_commonroad` does."""
     if vehicle is not None and model is not None:
         raise ValueError("vehicle: a model has its own car; give the one or the other")
-    aim = aim or GoalAim()
     states = file.goal_states()
-    if not 0 <= aim.state < len(states):
-        raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
+    aim = aim or GoalAim(min(states))
+    if aim.state not in states:
+        raise file.refused("goalState", aim.state, f"must be one of {', '.join(map(str, states))}")
     gap = max(file.step * file.speed, READING.nearly * CAR_LENGTH)
     goal = ahead_of(states[aim.state], file.middle, file.heading, gap)
     reader = _Reader(file, goal, guide, borders, aim)

@@ -227,6 +227,21 @@ def test_the_sooner_of_two_goals_counts(tmp_path: Path) -> None:
     assert float(made.plan.position(made.plan.arrival_time)[0]) < 75.0
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        goal(f"<position>{rectangle({**GOAL, 'x': 2.0}, placed=True)}</position>"),  # behind the car
+        goal(f"<position>{rectangle(GOAL, placed=True)}</position>").replace("120<", "0<").replace(">1<", ">0<"),
+    ],
+)
+def test_a_goal_that_nobody_gets_to_leaves_the_others(other: str, tmp_path: Path) -> None:
+    file = tmp_path / "two.xml"
+    file.write_text(road(other + goal(f"<position>{rectangle(GOAL, placed=True)}</position>")), encoding="utf-8")
+    made = plan_commonroad(file, model="PM")
+    assert made.plan.certified, made.plan.reason
+    assert abs(float(made.plan.position(made.plan.arrival_time)[0]) - GOAL["x"]) <= 5.0 + 1e-6
+
+
 def test_a_goal_in_a_turn_is_reached_where_no_trip_follows_the_lane(tmp_path: Path) -> None:
     """The car heads 0.6 rad off the lane, 8 m before the goal: steered back to the lane it would turn too fast."""
     place = {"x": 16.0, "y": 0.08, "length": 3.0, "width": 2.0}
