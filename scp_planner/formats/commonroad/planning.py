@@ -79,8 +79,7 @@ def plan_commonroad(
                 continue  # an aim is where another one is
             tried.append(scenario)
             made = job.planned(trial, scenario) if best is None else job.again(trial, best, scenario)
-            if not trial.quick:
-                made = _closer(job, trial, made)
+            made = _closer(job, trial, made)
             made = _found(job, replace(trial, discs=len(made.scenario.vehicle.discs)), made)
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
@@ -210,7 +209,8 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
         return
     for quick in (True, False):
         for way in TRIALS.timed_ways:
-            yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick)
+            for guided in (True, False) if quick else (True,):
+                yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick, guided=guided)
 
 
 def road_settings(scenario: Scenario) -> Settings:

@@ -341,7 +341,9 @@ class _Reader:
             return lines.arrival(drive, self.goal.places, turned, soonest, self.aim.depth)
         index = min(int(np.searchsorted(drive.stations, self._timed_way())), len(drive.stations) - 1)
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
-        around = rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width)
+        # Not so long that it holds the start
+        length = min(vehicle.length, float(drive.stations[index]))
+        around = rectangle(middle, float(drive.headings[index]), length, 2.0 * vehicle.width)
         return lines.Arrival(index, around)
 
     def _walls(self, line: Array, vehicle: _Vehicle, gap: float) -> list[list[Point]]:

@@ -242,6 +242,14 @@ def test_a_goal_that_nobody_gets_to_leaves_the_others(other: str, tmp_path: Path
     assert abs(float(made.plan.position(made.plan.arrival_time)[0]) - GOAL["x"]) <= 5.0 + 1e-6
 
 
+def test_a_goal_of_time_alone_may_be_nearer_than_the_car_is_long(tmp_path: Path) -> None:
+    file = tmp_path / "soon.xml"
+    file.write_text(road(goal().replace(">1<", ">2<").replace("120<", "4<")), encoding="utf-8")
+    made = plan_commonroad(file, model="KS")
+    assert made.plan.certified, made.plan.reason
+    assert 2 * STEP - 1e-3 <= made.plan.arrival_time <= 4 * STEP + 1e-3
+
+
 def test_a_goal_in_a_turn_is_reached_where_no_trip_follows_the_lane(tmp_path: Path) -> None:
     """The car heads 0.6 rad off the lane, 8 m before the goal: steered back to the lane it would turn too fast."""
     place = {"x": 16.0, "y": 0.08, "length": 3.0, "width": 2.0}
