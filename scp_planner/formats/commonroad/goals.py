@@ -34,22 +34,24 @@ class GoalState:
         return {**times, "speed_range": self.speed, "heading_range": self.heading}
 
 
-def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
-    """Read the goal states of a planning problem."""
+def goal_states(problem: Any, step: float, name: str) -> dict[int, GoalState]:
+    """Read the goal states of a planning problem that may be reached, by their numbers; ScenarioError without any."""
     states = problem.goal.state_list
     if not states:
         number = problem.planning_problem_id
         raise ScenarioError(name, [Fault("goalState", MISSING, f"problem {number} has no goal: nothing to plan")])
-    begin, faults = float(problem.initial_state.time_step), []
+    begin, faults, found = float(problem.initial_state.time_step), list[Fault](), dict[int, GoalState]()
     for number, state in enumerate(states):
         last, speed = ends_of(state.time_step)[1], getattr(state, "velocity", None)
         if last <= begin:
             faults.append(Fault(f"goalState[{number}].time", last, f"must end after the start, at step {begin:g}"))
-        if speed is not None and ends_of(speed)[1] < 0.0:
+        elif speed is not None and ends_of(speed)[1] < 0.0:
             faults.append(Fault(f"goalState[{number}].velocity", ends_of(speed)[1], "must not be backwards"))
-    if faults:
+        else:
+            found[number] = _goal_state(state, step * begin, step)
+    if not found:
         raise ScenarioError(name, faults)
-    return [_goal_state(state, step * problem.initial_state.time_step, step) for state in states]
+    return found
 
 
 def ahead_of(state: GoalState, start: tuple[float, float], heading: float, gap: float) -> GoalState:

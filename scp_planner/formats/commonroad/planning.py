@@ -11,7 +11,7 @@ from typing import Any
 
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
-from scp_planner.errors import TooLargeError
+from scp_planner.errors import ScenarioError, TooLargeError
 from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_named, default_car, softer
 from scp_planner.formats.commonroad.checker import SPEED_COLUMN, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
@@ -64,23 +64,29 @@ def plan_commonroad(
         read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
     )
     best: CommonRoadPlan | None = None
+    refusal: ScenarioError | None = None
     tried: list[Scenario] = []
-    for number, state in enumerate(job.file.goal_states()):
+    for number, state in job.file.goal_states().items():
         for trial in _trials(number, state):
             if best is not None and job.left <= 0.0:
                 break
-            scenario = job.scenario(trial)
+            try:
+                scenario = job.scenario(trial)
+            except ScenarioError as error:  # of this aim: others may do
+                refusal = refusal or error
+                continue
             if scenario in tried and not trial.thorough:
                 continue  # an aim is where another one is
             tried.append(scenario)
             made = job.planned(trial, scenario) if best is None else job.again(trial, best, scenario)
-            if not trial.quick:
-                made = _closer(job, trial, made)
+            made = _closer(job, trial, made)
             made = _found(job, replace(trial, discs=len(made.scenario.vehicle.discs)), made)
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
                 break
-    assert best is not None, "there is a goal state, or it has been refused"
+    if best is None:
+        assert refusal is not None, "there is an aim, or the goal has been refused"
+        raise refusal
     return best
 
 
@@ -103,7 +109,9 @@ class _Job:
 
     def scenario(self, trial: _Trial) -> Scenario:
         """Return what is to be planned."""
-        made = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
+        made = scenario_of(
+            self.file, guide=trial.guided, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs
+        )
         return made.model_copy(update={"vehicle": made.vehicle.model_copy(update=trial.soft)})
 
     def planned(self, trial: _Trial, scenario: Scenario) -> CommonRoadPlan:
@@ -182,6 +190,7 @@ class _Trial:
     aim: GoalAim
     quick: bool
     thorough: bool = False
+    guided: bool = True
     discs: int = PLANNED.fewest_discs
     soft: Mapping[str, float] = field(default_factory=dict)
 
@@ -190,6 +199,8 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
     if state.places:
         # What takes longest, and hardly ever finds a trip, comes after all other aims.
         yield _Trial(GoalAim(number), quick=False)
+        # Offsets cannot undo bends of the guide within a span, as close to the start.
+        yield _Trial(GoalAim(number), quick=True, guided=False)
         if state.heading is not None:
             yield _Trial(GoalAim(number, turn=inf), quick=True)
         for depth in TRIALS.depths:
@@ -198,7 +209,8 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
         return
     for quick in (True, False):
         for way in TRIALS.timed_ways:
-            yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick)
+            for guided in (True, False) if quick else (True,):
+                yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick, guided=guided)
 
 
 def road_settings(scenario: Scenario) -> Settings:

@@ -72,8 +72,8 @@ class CommonRoadFile:
     heading: float  # at the start, rad
     speed: float  # at the start, m/s
 
-    def goal_states(self) -> list[GoalState]:
-        """Return the goal's states; ScenarioError if there is none."""
+    def goal_states(self) -> dict[int, GoalState]:
+        """Return the goal's states that may be reached, by their numbers; ScenarioError if there is none."""
         return goal_states(self.problem, self.step, self.name)
 
     def refused(self, key: str, value: object, text: str) -> ScenarioError:
@@ -165,7 +165,7 @@ def scenario_of(
     if named is not None:
         car_named(car, named)  # raises what is not of the file
     with _refusing(file.name):
-        return _made(file, vehicle, guide, named, car, aim or GoalAim(), borders, discs)
+        return _made(file, vehicle, guide, named, car, aim, borders, discs)
 
 
 def _made(
@@ -174,14 +174,15 @@ def _made(
     guide: bool,
     model: VehicleModel | None,
     car: str | None,
-    aim: GoalAim,
+    aim: GoalAim | None,
     borders: bool,
     discs: int,
 ) -> Scenario:
     """Make the scenario of a file."""
     states = file.goal_states()
-    if not 0 <= aim.state < len(states):
-        raise file.refused("goalState", aim.state, f"must be less than {len(states)}")
+    aim = aim or GoalAim(min(states))
+    if aim.state not in states:
+        raise file.refused("goalState", aim.state, f"must be one of {', '.join(map(str, states))}")
     gap = max(file.step * file.speed, READING.nearly * CAR_LENGTH)
     goal = ahead_of(states[aim.state], file.middle, file.heading, gap)
     reader = _Reader(file, goal, guide, borders, aim)
@@ -403,7 +404,9 @@ class _Reader:
             return lines.arrival(drive, self.goal.places, turned, soonest, self.aim.depth)
         index = min(int(np.searchsorted(drive.stations, self._timed_way())), len(drive.stations) - 1)
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
-        around = rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width)
+        # Not so long that it holds the start
+        length = min(vehicle.length, float(drive.stations[index]))
+        around = rectangle(middle, float(drive.headings[index]), length, 2.0 * vehicle.width)
         return lines.Arrival(index, around)
 
     def _walls(self, line: Array, vehicle: _Vehicle, gap: float) -> list[list[Point]]:

@@ -93,7 +93,7 @@ def test_of_a_goal_that_holds_the_start_there_is_what_lies_ahead() -> None:
 
 
 def test_goals_that_nobody_gets_to_are_refused() -> None:
-    (kept,) = goal_states(problem(time_step=Interval(11, 20), velocity=Interval(-1.0, 3.0)), STEP, "road.xml")
+    (kept,) = goal_states(problem(time_step=Interval(11, 20), velocity=Interval(-1.0, 3.0)), STEP, "road.xml").values()
     assert kept.latest == pytest.approx(2.0)
     assert kept.speed == (0.0, 3.0)
     with pytest.raises(ScenarioError, match=r"goalState\[0\].time = 10.0: must end after the start, at step 10"):

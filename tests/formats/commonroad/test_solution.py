@@ -227,6 +227,47 @@ def test_the_sooner_of_two_goals_counts(tmp_path: Path) -> None:
     assert float(made.plan.position(made.plan.arrival_time)[0]) < 75.0
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        goal(f"<position>{rectangle({**GOAL, 'x': 2.0}, placed=True)}</position>"),  # behind the car
+        goal(f"<position>{rectangle(GOAL, placed=True)}</position>").replace("120<", "0<").replace(">1<", ">0<"),
+    ],
+)
+def test_a_goal_that_nobody_gets_to_leaves_the_others(other: str, tmp_path: Path) -> None:
+    file = tmp_path / "two.xml"
+    file.write_text(road(other + goal(f"<position>{rectangle(GOAL, placed=True)}</position>")), encoding="utf-8")
+    made = plan_commonroad(file, model="PM")
+    assert made.plan.certified, made.plan.reason
+    assert abs(float(made.plan.position(made.plan.arrival_time)[0]) - GOAL["x"]) <= 5.0 + 1e-6
+
+
+def test_a_goal_of_time_alone_may_be_nearer_than_the_car_is_long(tmp_path: Path) -> None:
+    file = tmp_path / "soon.xml"
+    file.write_text(road(goal().replace(">1<", ">2<").replace("120<", "4<")), encoding="utf-8")
+    made = plan_commonroad(file, model="KS")
+    assert made.plan.certified, made.plan.reason
+    assert 2 * STEP - 1e-3 <= made.plan.arrival_time <= 4 * STEP + 1e-3
+
+
+def test_a_goal_in_a_turn_is_reached_where_no_trip_follows_the_lane(tmp_path: Path) -> None:
+    """The car heads 0.6 rad off the lane, 8 m before the goal: steered back to the lane it would turn too fast."""
+    place = {"x": 16.0, "y": 0.08, "length": 3.0, "width": 2.0}
+    soon = goal(f"<position>{rectangle(place, placed=True)}</position>").replace("120<", "15<").replace("0.2<", "0.09<")
+    before, problem = road(soon).split("<planningProblem")
+    for old, new in (("<y>0.0<", "<y>2.0<"), ("<exact>0.0<", "<exact>-0.6<"), ("<exact>12.0<", "<exact>9.0<")):
+        problem = problem.replace(old, new, 1)
+    file = tmp_path / "turn.xml"
+    file.write_text(f"{before}<planningProblem{problem}", encoding="utf-8")
+    made = plan_commonroad(file, model="KS")
+    assert made.plan.certified, made.plan.reason
+    export_commonroad_solution(made.plan, file, tmp_path / "turn.sol.xml", model="KS")
+    last = states_of(tmp_path / "turn.sol.xml")[-1]
+    region = box(place["x"] - 1.5, place["y"] - 1.0, place["x"] + 1.5, place["y"] + 1.0)
+    assert region.covers(footprint(last.position, last.orientation, "BMW_320i").centroid)
+    assert abs(last.orientation) <= 0.09 + 1e-6
+
+
 def test_headings_of_point_masses_are_those_that_are_seen() -> None:
     for wanted in ((-0.2, 0.3), (0.5, 0.7), (-7.0, -6.5), (3.0, 3.2)):
         for near in (0.0, 3.0):
