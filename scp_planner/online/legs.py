@@ -211,7 +211,7 @@ class LegsAhead:
             vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0, acceleration=None)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
-            self._search = Coroutine(lambda: LegSearch(scene, one, zones=zones).run())
+            self._search = Coroutine(lambda: LegSearch(scene, one, zones).run())
             self._from = state
         if self._search.resume(now.deadline):
             self._take(self._search.result)

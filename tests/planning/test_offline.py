@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from time import process_time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -256,7 +257,7 @@ def test_the_widest_gap_is_not_told_where_there_is_no_time_to_find_it() -> None:
     assert routes.told(shut, NaturalUnits.of(shut)) == ". No route leads to the goal"
 
 
-NEAR_AND_FAR = {
+NEAR_AND_FAR: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
     "plain": ({}, {}, {}),
     "moving": ({}, {"speed": 2.0}, {}),
     "parks": ({"max_jerk": 2.0}, {}, {"speed": 0.0, "heading": 0.0}),
@@ -275,7 +276,7 @@ def test_what_is_however_near_or_far_is_planned_or_refused_by_name(kind: str, aw
     start = {"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0, **begun}
     for ahead, left in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)):
         place = (ahead * away, left * away)
-        goal = {"position": place, **asked}
+        goal: dict[str, Any] = {"position": place, **asked}
         if "target" in asked:
             ends = [place, (place[0] + 1e4, place[1])]
             goal = {"target": {"motion": {"time": [0.0, 1e4], "position": ends}}}
