@@ -69,7 +69,7 @@ def certify(
         clear, and in the workspace. On each piece of a trip that is by its own speed and turns; for samples it is the
         largest that the vehicle may make of it.
     deadline : float
-        Value of :func:`time.perf_counter` at which the check of a plan is given up: then it does not hold.
+        Value of :func:`time.perf_counter` at which the check of a plan is given up, s: then it does not hold.
 
     Returns
     -------

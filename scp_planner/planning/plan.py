@@ -449,8 +449,10 @@ class Plan:
         Parameters
         ----------
         scenario : Scenario
-        tube, threat_zones, deadline : optional
+        tube, threat_zones : optional
             As for :func:`scp_planner.certify`.
+        deadline : float
+            Value of :func:`time.perf_counter` at which the check is given up, s.
 
         Returns
         -------
