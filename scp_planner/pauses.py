@@ -23,37 +23,39 @@ T = TypeVar("T")
 
 
 class OutOfTimeError(Exception):
-    """The deadline passed before the work was done."""
+    """The deadline passed, or all steps were taken, before the work was done."""
 
 
 @dataclass
 class Budget:
-    """Time, nodes and memory that a search may take.
+    """Time, steps and memory that a search may take.
 
     Parameters
     ----------
     deadline : float
         Value of :func:`time.perf_counter` at which the search is given up, s.
-    nodes : float
-        Number of nodes that may still be made.
+    steps : float
+        Number of its steps, such as trips of legs, that may still be taken.
     size : float
         Memory that may still be taken, bytes.
     """
 
     deadline: float = math.inf
-    nodes: float = math.inf
+    steps: float = math.inf
     size: float = SEARCH_BYTES
-
-    @property
-    def left(self) -> bool:
-        """True if there is time, and nodes and memory are left."""
-        return self.nodes > 0 and self.size > 0 and perf_counter() <= self.deadline
 
     def check(self) -> None:
         """Give up work that is late; suspend a coroutine whose slice has ended."""
         pause()
         if perf_counter() > self.deadline:
             raise OutOfTimeError
+
+    def step(self) -> None:
+        """Take a step; give up work that is late, or has taken all its steps."""
+        self.steps -= 1
+        if self.steps < 0:
+            raise OutOfTimeError
+        self.check()
 
 
 def look_at_the_clock(deadline: float) -> None:

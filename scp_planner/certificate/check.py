@@ -53,6 +53,7 @@ def certify(
     threat_zones: Sequence[ThreatZone] | None = None,
     *,
     tube: TrackingTube | None = None,
+    deadline: float = np.inf,
 ) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
@@ -67,6 +68,8 @@ def certify(
         How far the vehicle may be from the trip, by speed and lateral acceleration. Wherever it may be, it is to keep
         clear, and in the workspace. On each piece of a trip that is by its own speed and turns; for samples it is the
         largest that the vehicle may make of it.
+    deadline : float
+        Value of :func:`time.perf_counter` at which the check of a plan is given up, s: then it does not hold.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def certify(
     units = NaturalUnits.to_check(scenario, _distance(_legs(driven)))
     inside = units.scenario(scenario)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
-    scope = Scope(tube=None if tube is None else tube.inside(units))
+    scope = Scope(tube=None if tube is None else tube.inside(units), deadline=deadline)
     return certify_trip(inside, driven.inside(units), found, scope).outside(units)
 
 

@@ -21,6 +21,7 @@ class Arcs:
 
 ARCS = Arcs()
 SAME_LENGTH = 1e-9  # radii; a path that is so little shorter is none
+APART = 1e-7  # radii, that ends are apart at least: turns to nearer ones are full turns by rounding, or none
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def _words(
 ) -> Iterator[tuple[str, tuple[float, float, float]]]:
     """All paths of three pieces, their lengths relative to the radius (Shkel and Lumelsky, 2001)."""
     dx, dy = goal[0] - start[0], goal[1] - start[1]
-    d, toward = hypot(dx, dy) / radius, atan2(dy, dx)
+    d, toward = max(hypot(dx, dy) / radius, APART), atan2(dy, dx)
     a, b = first - toward, last - toward
     sa, sb, ca, cb, cab = sin(a), sin(b), cos(a), cos(b), cos(a - b)
     square = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sa - sb)

@@ -66,6 +66,7 @@ class LegsAhead:
         self._turns_to: float | None = None  # the heading of the vehicle with which the leg under way begins
         self._search: Coroutine[Plan] | None = None
         self._from: State | None = None  # where the search begins
+        self._ended = -1  # The replan in which a search came to its end
         self._about = -1  # The replan in which the vehicle last changed between ahead and backwards
         self._lasts = ONLINE_LEGS.patience  # Units of time, until a search begins anew
         self._due, self._again, self._patience = True, -math.inf, ONLINE_LEGS.patience
@@ -154,7 +155,7 @@ class LegsAhead:
                 self._again, self._patience = -math.inf, ONLINE_LEGS.patience
             return False
         if not plan.arrived:
-            if plan.outcome in AWAY and not now.moment.lost and state.time >= self._again:
+            if plan.outcome in AWAY and not now.moment.lost and state.time >= self._again and self._ended != now.cycle:
                 self._due, self._again = True, state.time + self._patience
                 self._patience *= ONLINE_LEGS.growth
                 return True
@@ -168,7 +169,7 @@ class LegsAhead:
         """Change between ahead and backwards, if the vehicle stands and has a reverse gear; once a replan."""
         if self.asked.vehicle.reverse is None or now.moment.state.speed > STOPS.standing or self._about == now.cycle:
             return False
-        self._about, self._due = now.cycle, True
+        self._about, self._due = now.cycle, self._ended != now.cycle
         self.legs, self._trip, self._next, self._turns_to = (), None, None, None
         self.backward, self.sets_out = not self.backward, True
         return True
@@ -211,9 +212,10 @@ class LegsAhead:
             vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0, acceleration=None)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
-            self._search = Coroutine(lambda: LegSearch(scene, one, zones=zones).run())
+            self._search = Coroutine(lambda: LegSearch(scene, one, zones).run())
             self._from = state
         if self._search.resume(now.deadline):
+            self._ended = now.cycle
             self._take(self._search.result)
         return not self._due
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
 from scp_planner.certificate.verdict import BEYOND_ZONES, EARLIEST, LATEST, Certificate, Violation
+from scp_planner.planning.plan import UNCHECKED
 from scp_planner.planning.tolerances import TRIP_ROUNDING
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.ready_made import NAMES
@@ -38,7 +39,6 @@ class Report:
 
 
 REPORT = Report()
-UNCHECKED = "No time was left to check the trip"
 _ENDS = {
     LoopStatus.CONVERGED: "the loop converged",
     LoopStatus.STALLED: "the trust region became tiny before the loop converged",

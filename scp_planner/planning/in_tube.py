@@ -9,6 +9,7 @@ from time import perf_counter
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import Violation
 from scp_planner.planning.plan import Plan, judged_by
+from scp_planner.problem.preparation import last_check, left_before_check
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.error_tube import TrackingTube
 
@@ -37,12 +38,11 @@ def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time
     rooms: dict[str | None, float] = dict.fromkeys([None, *(one.id for one in scenario.obstacles)], tube.standing)
     iterations, lower_bound = 0, 0.0
     for left in reversed(range(ROUNDS.most)):
-        within = None if time_limit is None else max(time_limit - (perf_counter() - began), 1e-3)
-        made = plan_one(_roomier(scenario, rooms), within)
+        made = plan_one(_roomier(scenario, rooms), left_before_check(time_limit, began))
         iterations += made.iterations
         # Every trip with this tube keeps the first, the least room of all; of later ones that is not sure.
         lower_bound = lower_bound or made.lower_bound
-        found = certify(scenario, made, tube=tube)
+        found = certify(scenario, made, tube=tube, deadline=last_check(time_limit, began))
         late = time_limit is not None and perf_counter() - began > time_limit
         # Where there is no trip with this room, there is none with more.
         if found.holds or late or not made.certified or min(rooms.values()) >= widest:

@@ -25,7 +25,6 @@ from scp_planner.scenario.models import Goal, Scenario, Start
 from scp_planner.scenario.reversing import ahead, backwards, with_lines
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.legs import Leg, Legs, Stand
 
@@ -42,6 +41,8 @@ class LegSettings:
     delays: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of a leg's time, before it sets out
     corners: int = 8  # pieces of a leg's guide
     steep: float = 0.9  # rad, by which a leg may turn from the straight line to its end, that needs no other guide
+    plans: int = 32  # of legs, after which the best so far is taken: four times as many as it takes to park
+    share: float = 0.5  # of the time, that the search may take: a trip ahead may be all that there is
     searches: int = 3  # for manoeuvres of other kinds, where those so far lead nowhere
     worth: float = 0.02  # relative: what waits may cost before more curvatures are looked at
     same: float = 1e-3  # relative: a manoeuvre that promises to gain less is not tried
@@ -66,10 +67,10 @@ def may_back_up(scenario: Scenario) -> bool:
     return plain and (vehicle.reverse is not None or vehicle.max_turn_rate is not None)
 
 
-def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None) -> Plan:
+def plan_of_legs(scenario: Scenario, plan_one: PlanOne, time_limit: float | None, zones: Sequence[ThreatZone]) -> Plan:
     """Plan the fastest trip of several legs, or of one ahead: whichever arrives first."""
     began = perf_counter()
-    search = LegSearch(scenario, plan_one, Budget(inf if time_limit is None else began + time_limit))
+    search = LegSearch(scenario, plan_one, zones, inf if time_limit is None else time_limit)
     return replace(search.run(), planned=search.scenario, wall_time=perf_counter() - began)
 
 
@@ -109,28 +110,23 @@ class LegSearch:
         self,
         scenario: Scenario,
         plan_one: PlanOne,
-        budget: Budget | None = None,
-        zones: Sequence[ThreatZone] | None = None,
+        zones: Sequence[ThreatZone],
+        time_limit: float = inf,
     ) -> None:
-        """Take a scenario with zones in its units; None: those that it tells of."""
-        self.scenario = with_lines(scenario)
-        self.plan_one, self.budget, self.zones = plan_one, budget or Budget(), zones
+        """Take a scenario with zones in its units."""
+        began = perf_counter()
+        self.scenario, self.plan_one, self.zones = with_lines(scenario), plan_one, zones
+        self.budget, self._deadline = Budget(began + LEGS.share * time_limit, LEGS.plans), began + time_limit
         self.units = NaturalUnits.of(scenario)
         self.inside = self.units.scenario(self.scenario)
         self.curvature = self.inside.vehicle.max_curvature or 1.0 / self.inside.vehicle.radius
         self.room, frame = LEGS.room / self.curvature, PlanningFrame((0.0, 0.0), 0.0, self.inside.start.time)
         self.radius = self.inside.vehicle.radius + self.room
-        known = ZonesOf(self.inside) if zones is None else [zone.inside(self.units) for zone in zones]
-        self.batch = ZoneBatch.of(known, frame, self.radius)
+        self.batch = ZoneBatch.of([zone.inside(self.units) for zone in zones], frame, self.radius)
         self.iterations = 0
         self.best: Plan | None = None
         self.least = inf  # s that a manoeuvre takes among what stands alone
         self._tried: dict[float, list[Drive]] = {}  # by the share of the largest curvature
-
-    @property
-    def left(self) -> float | None:
-        """Wall time that is left, s."""
-        return None if self.budget.deadline == inf else max(self.budget.deadline - perf_counter(), 0.0)
 
     def run(self) -> Plan:
         """Find the fastest trip of legs, or of one ahead."""
@@ -144,7 +140,7 @@ class LegSearch:
             is_slower = best is not None and _least_ahead(self.scenario) < best.travel_time and self._leads_ahead(best)
         best = self.best
         if best is None or is_slower:
-            alone = self.plan_one(ahead(self.scenario), self.left, best is None)
+            alone = self.plan_one(ahead(self.scenario), _left(self._deadline), best is None)
             self.iterations += alone.iterations
             if best is None or (alone.certified and alone.travel_time <= best.travel_time):
                 best = alone
@@ -212,7 +208,7 @@ class LegSearch:
     def _planned(self, steered: Steered) -> Plan | None:
         """Plan legs that set out as soon as may be, or else as late as they are known to be clear."""
         made = self._one_by_one(steered, held=False)
-        if (made is None or not made.certified) and any(leg.slack > 0.0 for leg in steered.legs):
+        if (made is None or not made.certified) and any(leg.slack > leg.wait for leg in steered.legs):
             return self._one_by_one(steered, held=True) or made
         return made
 
@@ -251,7 +247,7 @@ class LegSearch:
             timings={},
             iterations=self.iterations,
         )
-        return made.verified(self.scenario, threat_zones=self.zones)
+        return made.verified(self.scenario, threat_zones=self.zones, deadline=self.budget.deadline)
 
     def _leg(self, leg: SteeredLeg, start: Start, goal: Goal, time: float, held: bool) -> Plan | None:
         """Plan a leg that sets out at a time, s, or later if it is not clear then: whichever arrives first."""
@@ -261,7 +257,7 @@ class LegSearch:
             begin = time + ((leg.slack if held else leg.wait) + delay * leg.time) * self.units.time
             made = self._from(leg, changed(start, time=begin), goal)
             touched = made.clearance.minimum < self.room * self.units.length and made.clearance.obstacle in moving
-            if made.certified or not touched or start.speed > 0.0 or not self.budget.left:
+            if made.certified or not touched or start.speed > 0.0:
                 break
         some = [each for each in (at_once, made) if each is not None and each.certified]
         return min(some, key=lambda each: each.arrival_time, default=None)
@@ -277,7 +273,9 @@ class LegSearch:
         return made
 
     def _one(self, scene: Scenario, backward: bool = False) -> Plan:
-        made = self.plan_one(backwards(scene) if backward else ahead(scene), self.left, False)
+        self.budget.step()
+        scene = backwards(scene) if backward else ahead(scene)
+        made = self.plan_one(scene, _left(self.budget.deadline), False)
         self.iterations += made.iterations
         return made
 
@@ -306,6 +304,11 @@ class LegSearch:
             time += abs(remainder(scenario.goal.heading - last, 2.0 * pi)) / rate
             last = scenario.goal.heading
         return self._whole([made], Legs((leg,), begin, Stand(time, last)))
+
+
+def _left(deadline: float) -> float | None:
+    """Wall time that is left, s."""
+    return None if deadline == inf else max(deadline - perf_counter(), 0.0)
 
 
 def _turns(scenario: Scenario) -> list[tuple[bool, bool]]:

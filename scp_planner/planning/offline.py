@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import dist
+from math import dist, inf
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -29,14 +29,14 @@ from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
 from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.memory import check_obstacles
-from scp_planner.problem.preparation import asked_for_time
+from scp_planner.problem.preparation import asked_for_time, last_check
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.scale import OTHER_LENGTH, TRIP_LENGTH
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver
-from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones
+from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones, zones_of
 from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.threat_zones.target import TargetMotion
 from scp_planner.threat_zones.zone import ThreatZone
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from scp_planner.scp.given import UserConstraints
     from scp_planner.threat_zones.error_tube import TrackingTube
 
-CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
 GETS_AWAY = (
     "no trip meets the target: at no time is it as near to the start as the vehicle can have driven by then, at full"
     " acceleration up to its top speed"
@@ -114,12 +113,15 @@ def plan(
         if constraints is not None or not may_have_legs(within):
             return planned(within, settings, solver, left, constraints)
         # What is estimated is known less well at a later start: all legs keep clear of the zones at the first one
-        found = zones(within)
+        try:
+            found = zones_of(within, asked_for_time(inf if left is None else left, perf_counter()))
+        except OutOfTimeError:  # which is told of the trip without them
+            return planned(within, settings, solver, 0.0)
 
         def one(scene: Scenario, left: float | None, thorough: bool) -> Plan:
             return planned(scene, settings, solver, left, thorough=thorough, threat_zones=found)
 
-        return plan_of_legs(within, one, left)
+        return plan_of_legs(within, one, left, found)
 
     if scenario.ground is None:
         return over_ground(scenario, time_limit)
@@ -276,7 +278,7 @@ class _Call:
             ZonesOf(any_time, go_on) if known is None else tuple(zone.inside(units) for zone in known),
             for_scene(self.settings, units),
             self.began + limit,
-            self.began + (1.0 + CHECKING) * limit + LEAST_CHECKING,
+            last_check(limit, self.began),
             own_solver=self.solver,
             given=None if self.constraints is None else OwnConstraints(self.constraints, units),
             arrival_step=inside.goal.arrival_step,

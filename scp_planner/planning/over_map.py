@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.planning.legs import may_have_legs
 from scp_planner.planning.plan import Plan, PlanStatus, judged_by
+from scp_planner.problem.preparation import last_check, left_before_check
 from scp_planner.routes.outlines import StandingShape, standing_shapes
 from scp_planner.routes.over_map import MAPS, MapRoutes, straightened
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -59,10 +61,14 @@ def plan_over_map(scenario: Scenario, plan: PlanWithin, time_limit: float | None
     routes = MapRoutes(scenario, ground.map, standing_shapes(standing))
     route = routes.route()
     if route is None:
-        found = _certified(scenario, plan(bare, _left(began, time_limit)))
-        told = replace(found, status=PlanStatus.INFEASIBLE, reason=_no_route(scenario, ground.map, routes.standing))
-        return found if found.certified else told
-    search = CorridorSearch(scenario, plan, routes, lambda: _left(began, time_limit))
+        found = plan(bare, left_before_check(time_limit, began))
+        found = _certified(scenario, found, last_check(time_limit, began))
+        if found.certified:
+            return found
+        until = min(perf_counter() + OVER_MAP.looking, last_check(time_limit, began))
+        reason = _no_route(scenario, ground.map, routes.standing, until)
+        return replace(found, status=PlanStatus.INFEASIBLE, reason=reason)
+    search = CorridorSearch(scenario, plan, routes, began, time_limit)
     return replace(search.run(route), wall_time=perf_counter() - began)
 
 
@@ -96,10 +102,11 @@ class CorridorSearch:
     """Plans in corridors along routes, then along the best trip, while it gets faster."""
 
     def __init__(
-        self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, left: Callable[[], float | None]
+        self, scenario: Scenario, plan: PlanWithin, routes: MapRoutes, began: float, time_limit: float | None = None
     ) -> None:
-        """Take a function of the time that is left, s, None: any."""
-        self.scenario, self.plan, self.routes, self.left = scenario, plan, routes, left
+        """Take when it began, and the time that it may take, s."""
+        self.scenario, self.plan, self.routes, self.last = scenario, plan, routes, last_check(time_limit, began)
+        self.left = partial(left_before_check, time_limit, began)
         self.iterations = 0
         self.grown: list[Array] = []
         self.best: Plan | None = None
@@ -154,7 +161,7 @@ class CorridorSearch:
         within = with_ground(self.scenario, self.grown)
         if along is not None:
             along = np.concatenate([[self.scenario.start.position], along[1:-1], [self.scenario.goal.position]])
-        found = _certified(self.scenario, self.plan(within, self.left(), along))
+        found = _certified(self.scenario, self.plan(within, self.left(), along), self.last)
         self.iterations += found.iterations
         best = self.best
         if best is None or found.certified > best.certified:
@@ -163,12 +170,12 @@ class CorridorSearch:
             self.best = found
 
 
-def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape]) -> str:
-    """Say how wide the widest passage to the goal is."""
+def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape], until: float) -> str:
+    """Say how wide the widest passage to the goal is, which is looked for until then."""
     radius = scenario.vehicle.radius
-    fits, too_large, began = 0.0, radius, perf_counter()
+    fits, too_large = 0.0, radius
     for _ in range(OVER_MAP.steps):
-        if perf_counter() - began > OVER_MAP.looking:
+        if perf_counter() > until:
             break
         middle = 0.5 * (fits + too_large)
         smaller = changed(scenario, vehicle=changed(scenario.vehicle, radius=middle))
@@ -184,10 +191,7 @@ def _no_route(scenario: Scenario, ground: OccupancyMap, standing: Sequence[Stand
     )
 
 
-def _left(began: float, time_limit: float | None) -> float | None:
-    return None if time_limit is None else max(time_limit - (perf_counter() - began), 0.0)
-
-
-def _certified(scenario: Scenario, found: Plan) -> Plan:
+def _certified(scenario: Scenario, found: Plan, deadline: float) -> Plan:
     """Return a plan with what holds of it over the map."""
-    return replace(judged_by(found, scenario, certify(scenario, found)), lower_bound=kinematic_bound(scenario))
+    checked = certify(scenario, found, deadline=deadline)
+    return replace(judged_by(found, scenario, checked), lower_bound=kinematic_bound(scenario))

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.error_tube import TrackingTube
     from scp_planner.threat_zones.zone import ThreatZone
 
+UNCHECKED = "No time was left to check the trip"
 _WORK = ("wall_time", "timings", "planned", "candidates")
 """Fields about the making of a plan, not about the plan."""
 
@@ -441,6 +442,7 @@ class Plan:
         *,
         tube: TrackingTube | None = None,
         threat_zones: Sequence[ThreatZone] | None = None,
+        deadline: float = inf,
     ) -> Self:
         """Return the same plan with what :func:`scp_planner.certify` says of it, whatever was said before.
 
@@ -449,6 +451,8 @@ class Plan:
         scenario : Scenario
         tube, threat_zones : optional
             As for :func:`scp_planner.certify`.
+        deadline : float
+            Value of :func:`time.perf_counter` at which the check is given up, s.
 
         Returns
         -------
@@ -457,11 +461,11 @@ class Plan:
         """
         from scp_planner.certificate.check import certify
 
-        found = certify(scenario, self, threat_zones, tube=tube)
+        found = certify(scenario, self, threat_zones, tube=tube, deadline=deadline)
         return replace(
             self,
             status=PlanStatus.CERTIFIED if found.holds else PlanStatus.INFEASIBLE,
-            reason=None if found.holds else "; ".join(map(str, found.violations)),
+            reason=None if found.holds else "; ".join(map(str, found.violations)) or UNCHECKED,
             clearance=found.clearance,
             limits=found.limits,
             stated_status=None,
@@ -484,7 +488,7 @@ def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
     return replace(
         plan,
         status=PlanStatus.CERTIFIED if found.holds else status,
-        reason=None if found.holds else plan.reason or "; ".join(map(str, found.violations)),
+        reason=None if found.holds else plan.reason or "; ".join(map(str, found.violations)) or UNCHECKED,
         clearance=found.clearance,
         limits=found.limits,
         planned=scenario,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import pi, remainder, sqrt
+from math import dist, pi, remainder, sqrt
 
 import numpy as np
 
@@ -51,7 +51,8 @@ def _spans(length: float, settings: SceneSettings, *, straight: bool) -> int:
 def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: SceneSettings) -> Guide:
     """Return the guide of a scenario, in the planning frame."""
     start, goal = scenario.start, scenario.goal
-    distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
+    # A loop back to the start ends apart from it, by more than rounding
+    distance = max(round(dist(goal.position, start.position), DECIMALS), 10.0 ** (1 - DECIMALS))
     radius = _turning_radius(limits, distance)
     short = round(GOAL_SHARE * goal.radius, DECIMALS)
     if scenario.guide is not None:

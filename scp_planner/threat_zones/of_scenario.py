@@ -57,8 +57,13 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     ScenarioError
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
+    return zones_of(scenario)
+
+
+def zones_of(scenario: Scenario, go_on: GoOn | None = None) -> tuple[ThreatZone, ...]:
+    """Return the threat zones of a scenario; of many it is asked now and then whether to go on."""
     units = NaturalUnits.of(scenario)
-    made = tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
+    made = tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario, go_on), go_on))
     tell_of_discs(scenario.obstacles, by_obstacle(made))
     return made
 

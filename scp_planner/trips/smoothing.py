@@ -25,6 +25,8 @@ class Smoothing:
     # numbers in an array on the way to it: half a megabyte, as fetching more memory takes longer
     most_at_once: int = 2**16
     few_changes: int = 64  # of direction, that are looked at together
+    loop: float = 0.01  # of its length: a guide whose ends are nearer to each other can not be turned and scaled
+    bendings: int = 5  # of a loop, each of which misses the end by about the square of before
     most_pieces: int = 3400  # of the heading's spline: what the tables of paths over it have room for
 
 
@@ -33,8 +35,9 @@ SMOOTHING = Smoothing()
 
 def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
     """Return a guide along a polyline, its corners rounded."""
-    check_pieces(float(np.hypot(*np.diff(points, axis=0).T).sum()), piece)
-    corners, least = _rounded(np.asarray(points, dtype=float), radius)
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    check_pieces(float(lengths.sum()), piece)
+    corners, least = _rounded(np.asarray(points, dtype=float)[np.append(True, lengths > 0.0)], radius)
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     directions = legs / lengths[:, None]
@@ -109,11 +112,25 @@ def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
 
 
 def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
-    """Return the guide with these headings, turned and scaled so that it ends at a point."""
+    """Return the guide with these headings, turned and scaled so that it ends at a point; a loop, bent all along."""
+    if float(np.hypot(*goal)) < SMOOTHING.loop * length:
+        return _bent_to(goal, length, headings)
     end = CurvedGuide(length, headings).frame(np.array([length])).position[0]
     turn = np.arctan2(goal[1], goal[0]) - np.arctan2(end[1], end[0])
     turn = np.arctan2(np.sin(turn), np.cos(turn))
     return CurvedGuide(length * float(np.hypot(*goal) / np.hypot(*end)), headings + turn)
+
+
+def _bent_to(goal: Array, length: float, headings: Array) -> CurvedGuide:
+    """Return the guide whose headings differ the least from these, and not at its ends, and that ends at a point."""
+    weight = np.sin(np.linspace(0.0, np.pi, len(headings))) ** 2
+    for _ in range(SMOOTHING.bendings):
+        guide = CurvedGuide(length, headings)
+        across = left_of(np.stack([np.cos(headings), np.sin(headings)], axis=1))
+        moved = (length / len(headings)) * (weight[:, None] * across).T @ across  # of the end, by such a change
+        missed = goal - guide.frame(np.array([length])).position[0]
+        headings = headings + weight * (across @ np.linalg.solve(moved, missed))
+    return CurvedGuide(length, headings)
 
 
 def _rounded(points: Array, radius: float) -> tuple[Array, float]:

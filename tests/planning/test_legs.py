@@ -194,7 +194,7 @@ def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
         begins.add(scene.start.time)
         return replace(sp.plan(scene), status=PlanStatus.INFEASIBLE)
 
-    LegSearch(scenario, too_tight).run()
+    LegSearch(scenario, too_tight, sp.zones(scenario)).run()
     assert begins == {0.0}
 
 
@@ -227,9 +227,8 @@ def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
     for heading in (0.0, None):
         goal = {"position": [4, 0], "heading": heading}
         vehicle = {**ROBOT, "max_curvature": 2.0, "reverse": {"max_speed": 1.0}}
-        search = LegSearch(
-            sp.Scenario(vehicle=vehicle, start=start, goal=goal, walls=shut), lambda scene, *_: sp.plan(scene)
-        )
+        scenario = sp.Scenario(vehicle=vehicle, start=start, goal=goal, walls=shut)
+        search = LegSearch(scenario, lambda scene, *_: sp.plan(scene), sp.zones(scenario))
         began = process_time()
         assert not ManoeuvreSearch(search.inside, search.batch, search.curvature).run()
         took.append(process_time() - began)

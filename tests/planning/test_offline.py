@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from time import process_time
+from typing import Any
+
 import numpy as np
 import pytest
 from clock import FakeClock
@@ -251,3 +255,54 @@ def test_the_widest_gap_is_not_told_where_there_is_no_time_to_find_it() -> None:
     assert "the widest passage" in routes.told(shut, NaturalUnits.of(shut))
     routes.roadmap.deadline = -1.0
     assert routes.told(shut, NaturalUnits.of(shut)) == ". No route leads to the goal"
+
+
+NEAR_AND_FAR: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
+    "plain": ({}, {}, {}),
+    "moving": ({}, {"speed": 2.0}, {}),
+    "parks": ({"max_jerk": 2.0}, {}, {"speed": 0.0, "heading": 0.0}),
+    "backs_up": ({"reverse": {"max_speed": 3.0}}, {}, {}),
+    "turns_on_the_spot": ({"max_turn_rate": 1.0, "steering": "on_the_spot"}, {}, {}),
+    "meets": ({}, {}, {"target": {"motion": {"time": [0.0, 1e4], "position": [(0.0, 0.0), (1e4, 0.0)]}}}),
+    "passes": ({}, {}, {"position": (20.0, 0.0)}),
+}
+
+
+@pytest.mark.parametrize("kind", NEAR_AND_FAR)
+@pytest.mark.parametrize("away", [0.0, 1e-9, 1e-3, 1e6])
+def test_what_is_however_near_or_far_is_planned_or_refused_by_name(kind: str, away: float) -> None:
+    with_, begun, asked = NEAR_AND_FAR[kind]
+    vehicle = {"radius": 0.5, "max_speed": 10.0, "max_acceleration": 2.0, "max_deceleration": 3.0, **with_}
+    start = {"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0, **begun}
+    for ahead, left in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)):
+        place = (ahead * away, left * away)
+        goal: dict[str, Any] = {"position": place, **asked}
+        if "target" in asked:
+            ends = [place, (place[0] + 1e4, place[1])]
+            goal = {"target": {"motion": {"time": [0.0, 1e4], "position": ends}}}
+        scene = {"vehicle": {**vehicle, "max_curvature": 0.2}, "start": start, "goal": goal}
+        goals = {"goals": [{"position": place}]} if kind == "passes" else {}
+        try:
+            scenario = sp.Scenario(**scene, **goals)
+        except sp.ScenarioError as error:
+            assert away == 0.0 and re.search(r"goals?(\[0\])?\.position", str(error))
+            continue
+        began = process_time()
+        plan = sp.plan(scenario, time_limit=0.1)
+        assert process_time() - began < 3.0
+        assert plan.certified or plan.reason
+
+
+@pytest.mark.parametrize("away", [1e-9, 1e-3])
+@pytest.mark.parametrize("toward", [1.6, np.pi, -2.0])
+def test_a_vehicle_that_has_to_turn_about_drives_a_loop_to_where_it_is(away: float, toward: float) -> None:
+    vehicle = {"radius": 0.5, "max_speed": 10.0, "max_acceleration": 2.0, "max_deceleration": 3.0, "max_curvature": 0.2}
+    start = {"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 0.0}
+    goal = (away * np.cos(toward), away * np.sin(toward))
+    plan = sp.plan(sp.Scenario(vehicle=vehicle, start=start, goal={"position": goal}))
+    assert plan.certified
+    np.testing.assert_allclose(plan.position(plan.arrival_time), goal, atol=1e-5)
+    # No way back to where it was, with another heading, is shorter than a circle of 5 m but by what it is away
+    times = np.linspace(plan.start_time, plan.arrival_time, 10_001)
+    driven = np.hypot(*np.diff(plan.position(times), axis=0).T).sum()
+    assert 10.0 * np.pi * (1.0 - 1e-3) - 2.0 * away < driven < 10.0 * np.pi * 1.02

@@ -27,7 +27,8 @@ CAR = {
 def search_to(place: tuple[float, float], budget: Budget | None = None, **scene: Any) -> ManoeuvreSearch:
     start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0}
     goal = {"position": place, "heading": 0.0, "speed": 0.0}
-    legs = LegSearch(sp.Scenario(vehicle=CAR, start=start, goal=goal, **scene), lambda scene, *_: sp.plan(scene))
+    scenario = sp.Scenario(vehicle=CAR, start=start, goal=goal, **scene)
+    legs = LegSearch(scenario, lambda scene, *_: sp.plan(scene), sp.zones(scenario))
     return ManoeuvreSearch(legs.inside, legs.batch, legs.curvature, budget)
 
 
