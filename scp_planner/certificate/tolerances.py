@@ -10,7 +10,7 @@ from scp_planner.scenario.scale import TOP_SPEED, TRIP_LENGTH
 from scp_planner.trips.trip import Trip
 
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
-BRAKING_SHARE = 0.99  # of the strongest braking: an excess may fall by so much slower, as planners keep a margin
+BRAKING_SHARE = 1.0 - 1e-6  # of the strongest braking and jerk: an excess may fall by so much slower, for rounding
 END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
 GOAL_SPEED_TOLERANCE = 1e-3  # units of speed, of which the highest has three
 LENGTH_TOLERANCE = 1e-9  # units of length: of clearances, and of positions against the trip that is certified

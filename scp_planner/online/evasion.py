@@ -248,7 +248,8 @@ class Evasion:
         heading = None if state.heading is None else state.heading - moment.frame.heading
         vehicle, width, wait = moment.scenario.vehicle, 2.0 * moment.scenario.vehicle.radius, self._means.wait
         margin, total = self._means.settings.limit_margin, vehicle.max_total_acceleration
-        limits = Limits.of(moment.scenario, margin).both_within(total and total * (1.0 - margin))
+        limits = replace(Limits.of(moment.scenario, margin), deceleration=vehicle.max_deceleration)
+        limits = limits.both_within(total and total * (1.0 - margin))
         profiles: ManoeuvreProfiles = (
             Profiles.of(state.speed, limits, width, wait)
             if vehicle.max_jerk is None

@@ -36,7 +36,7 @@ class CourseParameters:
     rounded_spans: int = 3  # Spans that are lost where phases become whole numbers of them
     table: int = 33  # Points of a turn, of which the others are interpolated
     easing: float = 0.5  # Share of a prompt turn in which it ends
-    limit_share: float = 0.98  # Share of the limits that evasive manoeuvres use
+    limit_share: float = 0.98  # Share of the limits that evasive manoeuvres use, but for braking
 
 
 COURSES = CourseParameters()
@@ -111,8 +111,8 @@ class Profiles:
     @classmethod
     def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
         level, cruise = levels_and_cruises(limits, width)
-        rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * COURSES.limit_share
-        change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * COURSES.limit_share)
+        rate = np.where(level > start_speed, limits.acceleration * COURSES.limit_share, limits.deceleration)
+        change, braking = np.abs(level - start_speed) / rate, level / limits.deceleration
         whole_spans = COURSES.spans - COURSES.rounded_spans
         span = np.maximum(change + cruise + braking + wait, width / limits.speed) / whole_spans
         # As promptly as the limits allow: whole spans of it, which are as long as that takes.
@@ -250,7 +250,7 @@ class RampedProfiles:
         level, cruise = levels_and_cruises(limits, width)
         speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
         share, jerk = COURSES.limit_share, JERK_SHARE * jerk
-        rise, fall = limits.acceleration * share, limits.deceleration * share
+        rise, fall = limits.acceleration * share, limits.deceleration
         stops = Ramps.stopping(speed, acceleration, fall, jerk)
         moving = Ramps.between(speed, acceleration, level, rise, fall, jerk)
         change = stops.where(level == 0.0, moving)

@@ -8,4 +8,4 @@ ANGLE = 1e-9  # rad: a turn that is a full one but for this is none
 OFF = 1e-6  # Length, speed and rad, that a vehicle or an obstacle may be off besides what it is allowed
 LATE = 1e-6  # Share of a period, by which a replan is not too late yet
 EIGENVALUE = 1e-8  # Least eigenvalue of the correlation matrix of a measurement
-JERK_SHARE = 0.9999  # Share of the largest jerk that ramps use: rounding of the shortest ones stays within it
+JERK_SHARE = 1.0 - 1e-7  # Share of the largest jerk that ramps use: rounding of the shortest ones stays within it

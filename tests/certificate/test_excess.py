@@ -85,7 +85,7 @@ def broken(trip: Trip, vehicle: dict[str, Any], **changes: Any) -> set[str]:
 SLOW = {"from": 0.0, "to": 50.0, "speed": 1.0, "line": [[0.0, 0.0], [60.0, 0.0]]}
 BRAKES = driven(3.0, [0.0, 1.0, 6.0], [-DECELERATION, 0.0])
 LATE = driven(3.0, [0.0, 0.05, 1.05, 6.0], [0.0, -DECELERATION, 0.0])
-SOFTLY = driven(3.0, [0.0, 1.0 / 0.95, 6.0], [-0.95 * DECELERATION, 0.0])
+SOFTLY = driven(3.0, [0.0, 1.0 / 0.999, 6.0], [-0.999 * DECELERATION, 0.0])
 
 
 @pytest.mark.parametrize(("trip", "kept"), [(BRAKES, True), (LATE, False), (SOFTLY, False)])
@@ -146,7 +146,7 @@ def test_samples_slow_down_as_fast_as_the_vehicle_brakes(late: float, kept: bool
         speed=speeds,
     )
     start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 3.0}
-    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 3.0, "max_deceleration": 1.001 * DECELERATION}
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 3.0, "max_deceleration": DECELERATION}
     scenario = sp.Scenario.model_validate(
         {"vehicle": vehicle, "start": start, "goal": {"position": [float(places[-1]), 0.0]}}
     )

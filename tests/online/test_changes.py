@@ -195,7 +195,7 @@ def test_limit_that_is_lowered_under_way_is_braked_for_at_once(
         plan = planner.replan(float(time), *state, acceleration=None if jerk is None else acceleration)
         assert plan.safe
         late = 0.1 + (0.0 if jerk is None else 0.5)
-        assert state[2] <= max(limit, 3.0 - 1.98 * max(time - late, 0.0)) + 1e-6
+        assert state[2] <= max(limit, 3.0 - 2.0 * max(time - late, 0.0)) + 1e-5
         x, y = plan.position(time + 0.1)
         state = ((float(x), float(y)), float(plan.heading(time + 0.1)), float(plan.speed(time + 0.1)))
         acceleration = float(plan.acceleration(time + 0.1))
