@@ -31,6 +31,7 @@ SAMPLES = 4000
 SHORTEST = 0.05
 """s of a trip, for differences to say something."""
 FOLLOWS = 2e-3
+STANDS = 1e-12  # of the top speed: rounding, of a vehicle that stands
 """m/s and rad by which an answer may begin off the state that it was planned to have, where it is kept."""
 
 
@@ -205,8 +206,8 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     scenario = planner.scenario
     vehicle, data = scenario.vehicle, contents(scenario)
     backwards = vehicle.reverse is not None or str(vehicle.steering) in ("both_ways", "any")
-    speed = told.speed
-    if speed < 0.0 and not backwards:
+    speed = abs(told.speed) if told.heading is None else told.speed  # without a heading the sign says nothing
+    if speed < -STANDS * vehicle.max_speed and not backwards:
         if not doubted:
             return f"{speed:.3g} m/s without a reverse gear is safe, and nothing is doubted"
         speed = 0.0

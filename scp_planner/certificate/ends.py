@@ -84,7 +84,7 @@ class Course:
         first, last, backwards = self.states[0], self.states[-1], False  # what goes on heads as it drives
         found = list[Violation]()
         if Ends.START in ends:
-            backwards = sets_out_backwards(scenario, first)
+            backwards = sets_out_backwards(scenario, first, unit)
             found += start_violations(scenario, first, unit)
         found += self._torn(scenario.vehicle.max_turn_rate or 0.0, unit)
         if Ends.GOAL in ends:
@@ -124,10 +124,11 @@ def can_reverse(vehicle: Vehicle, speed: float, unit: TripUnit = SAME) -> bool:
     return vehicle.steering is Steering.BOTH_WAYS and abs(speed) <= END_TOLERANCE * unit.speed
 
 
-def sets_out_backwards(scenario: Scenario, first: EndState) -> bool:
+def sets_out_backwards(scenario: Scenario, first: EndState, unit: TripUnit) -> bool:
     """True if a drive that begins so sets out from a stand against the heading of the start: the front is behind."""
     wanted = scenario.start.heading
-    return wanted is not None and can_reverse(scenario.vehicle, first.speed) and cos(first.heading - wanted) < 0.0
+    both = can_reverse(scenario.vehicle, first.speed, unit)
+    return both and wanted is not None and cos(first.heading - wanted) < 0.0
 
 
 def start_violations(scenario: Scenario, first: EndState, unit: TripUnit = SAME) -> Iterator[Violation]:
