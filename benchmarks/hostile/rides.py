@@ -31,8 +31,8 @@ SAMPLES = 4000
 SHORTEST = 0.05
 """s of a trip, for differences to say something."""
 FOLLOWS = 2e-3
-STANDS = 1e-12  # of the top speed: rounding, of a vehicle that stands
 """m/s and rad by which an answer may begin off the state that it was planned to have, where it is kept."""
+STANDS = 1e-12  # of the top speed: rounding, of a vehicle that stands
 
 
 def draw(rng: Rng) -> Data:

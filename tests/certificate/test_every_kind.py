@@ -24,7 +24,7 @@ from scp_planner.trips.trajectory import Trajectory
 TABLE = Path(__file__).parents[2] / "docs" / "explanation" / "certificate.md"
 CAR = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0, "max_curvature": 1.0}
 START: dict[str, Any] = {"time": 2.0, "position": [1.0, -2.0], "heading": 0.2, "speed": 0.0}
-KINDS = ("one leg", "legs", "samples", "foreign file", "online stop")
+KINDS = ("one leg", "legs", "leg backwards", "samples", "foreign file", "online stop")
 Data = dict[str, Any]
 
 
@@ -53,6 +53,13 @@ def driven(kind: str) -> Drive:
         leg = Leg(late)
         legs = Legs((leg,), Stand(2.0, leg.state(leg.begin)[1]), Stand(leg.end + 0.5, leg.state(leg.end)[1]))
         made, trip = SimpleNamespace(trip=late, legs=legs), late
+    if kind == "leg backwards":
+        back = Leg(trip, backward=True)
+        made = SimpleNamespace(
+            trip=trip, legs=Legs((back,), *(Stand(time, back.state(time)[1]) for time in (back.begin, back.end)))
+        )
+        data["start"]["heading"] += pi
+        data["vehicle"]["reverse"] = {"max_speed": 3.0}
     if kind == "foreign file":
         made = sp.Plan.from_dict({key: value for key, value in plan.to_dict().items() if key != "samples"}, "file")
     if kind == "samples":
@@ -77,6 +84,11 @@ def set_in(part: str, **values: Any) -> Callable[[Drive, Data], None]:
         data[part] |= {key: value(drive, data[part]) if callable(value) else value for key, value in values.items()}
 
     return fault
+
+
+def gear(drive: Drive, data: Data) -> None:
+    limit = {"max_speed": 0.9 * drive.top}
+    data["vehicle"] |= {"reverse": limit} if "reverse" in data["vehicle"] else limit
 
 
 def beside(drive: Drive, part: Data) -> list[float]:
@@ -138,7 +150,7 @@ FAULTS: dict[str, Callable[[Drive, Data], None]] = {
     "goal speed": set_in("goal", speed=None, speed_range=[0.01, 1.0]),
     "clearance": obstacle,
     "workspace bounds": box,
-    "speed": set_in("vehicle", max_speed=lambda drive, _: 0.9 * drive.top),
+    "speed": gear,
     "speed_limits": slow_zone,
     "acceleration": set_in("vehicle", max_acceleration=0.01, max_deceleration=0.01),
     "curvature": set_in("vehicle", max_curvature=1e-3),
@@ -149,7 +161,10 @@ FAULTS: dict[str, Callable[[Drive, Data], None]] = {
     "jerk": set_in("vehicle", max_jerk=1e-6),
     "arrival beyond what is known of observed obstacles": watched,
 }
-POWERLESS = {("power", "online stop")}  # who brakes needs none
+UNASKED = {  # who brakes needs no power, and places on the way are not taken beside a reverse gear
+    ("power", "online stop"),
+    ("distance from goals", "leg backwards"),
+}
 
 
 def changed_trip(drive: Drive, change: Callable[[Any], Any]) -> Any:
@@ -160,7 +175,7 @@ def changed_trip(drive: Drive, change: Callable[[Any], Any]) -> Any:
     legs = getattr(plan, "legs", None)
     if legs is None:
         return SimpleNamespace(trip=other)
-    return SimpleNamespace(trip=other, legs=replace(legs, legs=(Leg(other),)))
+    return SimpleNamespace(trip=other, legs=replace(legs, legs=(Leg(other, legs.legs[0].backward),)))
 
 
 def cusp(one: Trajectory) -> Trajectory:
@@ -225,7 +240,7 @@ def test_a_plan_of_each_kind_holds(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("what", FAULTS)
 def test_each_check_is_applied_to_each_kind(kind: str, what: str) -> None:
-    if (what, kind) in POWERLESS:
+    if (what, kind) in UNASKED:
         return
     drive = driven(kind)
     data = copied(drive.data)
@@ -265,14 +280,14 @@ def test_the_table_of_the_docs_names_exactly_the_checks() -> None:
     assert tested == set(UNITS)
 
 
-FAR = (1e2, 1e5, 1e8)
+FAR = [("one leg", 1e2), ("one leg", 1e5), *((kind, 1e8) for kind in KINDS)]
 
 
-@pytest.mark.parametrize("far", FAR)
+@pytest.mark.parametrize(("kind", "far"), FAR)
 @pytest.mark.parametrize("field", ["hint", "guide", "obstacle", "wall", "bounds", "limits", "heading hint"])
 @pytest.mark.parametrize("miss", [0.0, 1e-4, 1.0])
-def test_a_field_that_does_not_matter_changes_no_verdict(field: str, far: float, miss: float) -> None:
-    drive = driven("one leg")
+def test_a_field_that_does_not_matter_changes_no_verdict(field: str, kind: str, far: float, miss: float) -> None:
+    drive = driven(kind)
     data = copied(drive.data)
     x, y = data["goal"]["position"]
     data["goal"] = {"position": [x, y + miss], "speed": 0.0}
