@@ -103,6 +103,11 @@ class Arrival:
         return math.dist(place, self.goal.position) <= max(ARRIVAL.arrived, self.goal.radius)
 
     @property
+    def may_be_passed(self) -> bool:
+        """True if the goal asks for no speed."""
+        return self.goal.speed is None and self.goal.speed_range is None
+
+    @property
     def is_to_stand(self) -> bool:
         """True if the goal asks for a speed at which the vehicle stands."""
         low, _ = self.goal.speed_range or (self.goal.speed, self.goal.speed)

@@ -15,7 +15,7 @@ from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason
 from scp_planner.online.safety_gate import Refusal, Vetted
 from scp_planner.online.stops import STOPS
-from scp_planner.online.tolerances import TIME
+from scp_planner.online.tolerances import OFF, TIME
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
@@ -83,10 +83,16 @@ class Decision:
         arriving = self._arriving(now, last)
         if arriving is not None:
             return arriving
+        if last is not None and last.arrival_time <= now.moment.state.time + TIME:
+            last = now.last = None  # it has ended elsewhere: it says nothing of what to drive
         elsewhere = last is not None and moving is None and not self.arrival.is_end_of(last.trip)
         now.aimless = now.last is None or elsewhere
         if last is None or now.aimless:
             return self._anew(now, None, last)
+        return self._drive_on(now, last)
+
+    def _drive_on(self, now: Replan, last: OnlinePlan) -> OnlinePlan:
+        """Keep the last plan, or improve what is left of it where that is due."""
         off = _off_target(now, last)
         if last.arrival_time - now.moment.state.time < DECISION.near_goal and not off:
             kept = self._means.kept(now, last)
@@ -115,13 +121,14 @@ class Decision:
             return None
         front = state.heading if state.front is None else state.front
         there, moves = arrival.is_there(state.position, front), state.speed > STOPS.standing
-        if there and last is not None and last.arrival_time > state.time and moves:
+        if there and last is not None and last.arrival_time > state.time + TIME and moves:
             moving = now.moment.moving
             nears = moving is None or moving.is_neared_by(last, state.time)
             kept = means.kept(now, last) if nears else None
             if kept is not None:
                 return means.plan_of(kept, now, Outcome.KEPT)
         arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
+        arrived |= last is not None and self._has_crossed(now, last)
         if now.moment.onward:  # from where it ends, so that it is to be driven to its end
             arrived &= done or (last is not None and last.arrival_time <= state.time + TIME)
         if arrived or done:
@@ -140,6 +147,16 @@ class Decision:
             return None
         stop = means.stopping(now, trip, NEAR)
         return stop if stop.safe else None
+
+    def _has_crossed(self, now: Replan, last: OnlinePlan) -> bool:
+        """True if a goal that may be passed at speed was, on the last plan, as it was certified."""
+        state, moving = now.moment.state, now.moment.moving
+        since = state.time - last.arrival_time
+        if not (last.certified and self.arrival.may_be_passed and since >= -TIME):
+            return False
+        off = now.moment.deviation(last.trip).distance - state.speed * max(since, 0.0)
+        met = self.arrival.is_end_of(last.trip) if moving is None else moving.is_met_by(last)
+        return met and off <= self._means.following.largest + OFF
 
     def _without_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Stop; where a route is missing, drive on by the last plan while that can be left for a stop."""

@@ -46,7 +46,7 @@ from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.routes.over_map import MAPS
 from scp_planner.scenario.limits import Limits, straight_trip_time
-from scp_planner.scenario.models import Passage, Scenario, Start
+from scp_planner.scenario.models import Goal, Passage, Scenario, Start
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.first_trips import arcs, trip_along
@@ -149,9 +149,10 @@ class Means:
         self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre, "discs": discs})
         getting_away = time_from_a_stand(given.vehicle, REPLAN.clear_widths * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
-        self.safety_gate = SafetyGate(online.period, online.safety is Safety.STOP, following, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle)
+        stop_from = partial(straight_stop, braking=self.braking, settings=settings, breakpoints=self.breakpoints)
+        self.safety_gate = SafetyGate(online.period, online.safety is Safety.STOP, following, self.wait, stop_from)
         self._ground = corridor_zones(given)
         self._grown: tuple[ThreatZone, ...] = ()
         if given.ground is not None:  # the corridor was grown: trips are planned in it, what is driven keeps off cells
@@ -211,6 +212,7 @@ class Means:
             passing = self.places.passing
         zones = but_for_touched(zones, self.places.goals, self.given, self.obstacles.tracks)
         if goal.target is None:
+            scenario = changed(scenario, goal=self._slow_enough(scenario.goal))
             return Moment(state, scenario, zones, self.following.tube, passing=passing, onward=self.onward)
         arrival = self.arrival
         moving = MovingGoal.of(goal, zones, arrival.near, arrival.speed, arrival.heading)
@@ -227,7 +229,15 @@ class Means:
             scenario = changed(scenario, goal=changed(standing, target=None))
             return Moment(state, scenario, zones, self.following.tube, lost=lost)
         zones = but_for_touched(zones, (goal,), self.given, self.obstacles.tracks)
-        return Moment(state, changed(scenario, goal=moving.planned(time)), zones, self.following.tube, moving)
+        return Moment(
+            state, changed(scenario, goal=self._slow_enough(moving.planned(time))), zones, self.following.tube, moving
+        )
+
+    def _slow_enough(self, goal: Goal) -> Goal:
+        """Return a goal that may be passed at speed, at one from which the vehicle can stop behind it."""
+        most = self.safety_gate.fastest_end
+        free = goal.speed is None and goal.speed_range is None and most < math.inf
+        return changed(goal, speed_range=(0.0, most)) if free else goal
 
     def scenario_at(self, state: State) -> Scenario:
         """Return what is left of the scenario, without obstacles."""

@@ -11,6 +11,7 @@ import numpy as np
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.tolerances import OFF
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Goal, Passage, Scenario
 from scp_planner.scenario.targets import obstacle_met
@@ -101,6 +102,11 @@ class MovingGoal:
             return False
         off = np.subtract(self.target.place(last.arrival_time), last.position(last.arrival_time))
         return bool(off @ np.linalg.solve(spread, off) > 1.0)
+
+    def is_met_by(self, last: OnlinePlan) -> bool:
+        """True if a plan ends where the newest estimate has the target then."""
+        time = last.arrival_time
+        return dist(last.position(time), self.target.place(time)) <= self.near + OFF
 
     def is_neared_by(self, last: OnlinePlan, time: float) -> bool:
         """True if a plan ends nearer to the target than it is at an absolute time, s."""

@@ -204,9 +204,8 @@ class Planner(Changeable):
 
         `scp_planner.certify` of this, of a plan that begins now and of ``tube`` says what the planner says.
         """
-        made = self.given
-        if self._state is not None:
-            made = self._left(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
+        made = self.given if self._state is None else self._left(self._state)
+        made = made.model_copy(update={"obstacles": self.obstacles.as_obstacles()})
         made = self._units.inverse.scenario(made)
         if self._route is None or not self._route.guides:
             return made

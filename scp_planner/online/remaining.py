@@ -73,6 +73,15 @@ class State:
     acceleration: float | None = None  # Along the path, m/s^2; None: it may jump
     front: float | None = None
 
+    @classmethod
+    def at_end(cls, trip: Trip) -> State:
+        """Return the state in which a trip arrives."""
+        time = trip.frame.time + trip.trajectory.travel_time
+        points, _ = trip.at(time)
+        ((x, y),) = trip.frame.to_world(points.path.position).tolist()
+        ((ahead, aside),) = trip.frame.vectors_to_world(points.path.direction).tolist()
+        return cls(time, (x, y), math.atan2(aside, ahead), float(points.speed[0]), float(points.acceleration[0]))
+
     @property
     def backwards(self) -> bool:
         """True if it drives with its front behind."""

@@ -21,6 +21,7 @@ from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.reasons import REASONS, Reason
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import (
+    STOPS,
     Braking,
     braking_of,
     leaving,
@@ -51,6 +52,7 @@ class SafetyGateParameters:
     # Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be
     # kept for a while
     deep: float = 0.1
+    halvings: int = 6  # Of the speed at the end of a trip, to one from which the vehicle can stop behind it
 
 
 SAFETY_GATE = SafetyGateParameters()
@@ -229,7 +231,17 @@ class _Tried:
 
 
 class SafetyGate:
-    def __init__(self, period: float, stops_will_do: bool, following: Following, wait: float = 0.0) -> None:
+    def __init__(
+        self,
+        period: float,
+        stops_will_do: bool,
+        following: Following,
+        wait: float = 0.0,
+        stop_from: Callable[[State], Trip] | None = None,
+    ) -> None:
+        """``stop_from`` makes the stop behind the end of a trip; None: no end needs one."""
+        self._stop_from = stop_from
+        self.fastest_end = math.inf  # m/s, from which the vehicle can stop behind the last trip that was refused there
         self.wait = wait
         self.period = period
         self.stops_will_do = stops_will_do
@@ -394,11 +406,36 @@ class SafetyGate:
     def _certify_whole(self, now: Moment, trip: Trip, since: float | None = None) -> Certificate:
         """Certify a trip up to its end, and the stand there where the vehicle then drives on."""
         certificate = now.certify(trip, since=since, motions=self.motions)
-        if not (now.onward and certificate.holds):
+        if not certificate.holds:
             return certificate
+        behind = self._certify_behind(now, trip)
+        if behind is not None or not now.onward:
+            return behind or certificate
         end = trip.frame.time + trip.trajectory.travel_time
         stands = now.certify_standing(trip, max(end, now.state.time), self.wait, self.unseen_until(now))
         return certificate if stands is None else replace(stands, limits=certificate.limits)
+
+    def _certify_behind(self, now: Moment, trip: Trip) -> Certificate | None:
+        """Certify the stop behind a trip that ends at speed, among all whose motion is known; None where it holds."""
+        end = State.at_end(trip)
+        stop_from = self._stop_from
+        if stop_from is None or end.speed <= STOPS.standing:
+            return None
+        known = tuple(zone for zone in now.zones if zone.covariances is None)
+
+        def certificate(speed: float) -> Certificate:
+            scope = Scope(ends=Ends(0), precision=math.inf, tube=now.tube)
+            return certify_trip(now.scenario, stop_from(replace(end, speed=speed)), known, scope)
+
+        found = certificate(end.speed)
+        if found.holds:
+            return None
+        low, high = 0.0, end.speed
+        for _ in range(SAFETY_GATE.halvings):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if certificate(middle).holds else (low, middle)
+        self.fastest_end = low
+        return found
 
     def clear_for(self, now: Moment, stop: Stop) -> float:
         trip = stop.trip

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.errors import Fault, ScenarioError
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.models import Confidence, ConfidenceLevel, Goal, Obstacle, Passage, Scenario
 from scp_planner.scenario.shapes import Disc
@@ -44,7 +45,11 @@ class TargetMotion:
             seen: TargetMotion = target.seen
             return seen
         if target.obstacle is not None:
-            source = next(one for one in scenario.obstacles if one.id == target.obstacle)
+            named = [one for one in scenario.obstacles if one.id == target.obstacle]
+            if not named:
+                fault = Fault("target", target.obstacle, "there is no obstacle of this id")
+                raise ScenarioError("Scenario", [fault])
+            source = named[0]
         else:
             source = _as_obstacle(target, POINT)
         alone = changed(source, shape=POINT, margin=0.0)
