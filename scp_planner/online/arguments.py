@@ -87,6 +87,14 @@ def speeding(speed: float, limit: float) -> str | None:
     return f"the vehicle drives at {speed:.4g} m/s, {100.0 * (speed / limit - 1.0):.2g} % above its limit"
 
 
+def accelerating(acceleration: float, low: float, high: float) -> str | None:
+    """Report an acceleration, m/s2, that the vehicle cannot have: it is planned from the nearest one that it can."""
+    nearest = min(max(acceleration, low), high)
+    if abs(acceleration - nearest) <= RELATIVE * max(abs(low), high):
+        return None
+    return f"the vehicle accelerates at {acceleration:.4g} m/s2, which it cannot: {nearest:.4g} m/s2 is taken"
+
+
 def against_gear(speed: float, has_gear: bool) -> str:
     """Report a vehicle that rolls against its gear at a speed, m/s."""
     if has_gear:

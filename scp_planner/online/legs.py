@@ -209,7 +209,7 @@ class LegsAhead:
                 settings = replace(means.settings, clearance_margin=SceneSettings.clearance_margin)
                 return planned(scene, settings, None, left, thorough=thorough, threat_zones=zones)
 
-            vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0, acceleration=None)
+            vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
             self._search = Coroutine(lambda: LegSearch(scene, one, zones).run())

@@ -16,7 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.mathematics.occupancy import NAME
-from scp_planner.online.arguments import _point, against_gear, check_number, direction, own_ground, speeding
+from scp_planner.online.arguments import (
+    _point,
+    accelerating,
+    against_gear,
+    check_number,
+    direction,
+    own_ground,
+    speeding,
+)
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.changeable import Changeable
 from scp_planner.online.decision import Decision
@@ -250,9 +258,10 @@ class Planner(Changeable):
             it is, and told in ``doubts``. A vehicle that rolls against its gear stops first; without a reverse gear
             that is not safe. Below what the follower may be off, such a vehicle counts as standing.
         acceleration : float, optional
-            Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
-            acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
-            such a limit it is not used: accelerations may jump.
+            Along the path, m/s2, with which the plan begins where the jerk is limited. One that the vehicle cannot have
+            is told in ``doubts``: beyond its limits, or below 0 where it stands; the nearest one is taken. None: that
+            of the last plan at this time; at first that of the scenario's start, or 0. Without such a limit it is not
+            used: accelerations may jump.
         deadline : float, optional
             Wall time in s from now by which the answer is wanted. Without one the work is limited by steps only,
             and the same calls give the same plans.
@@ -288,7 +297,7 @@ class Planner(Changeable):
             moment = self._means.moment(state, self._last)
             now = Replan(moment, began, end, self._last, self._cycle, self._pace, clock=began)
             now = self._on_leg(now, reported)
-            for text in self._doubted(now, float(speed)):
+            for text in self._doubted(now, float(speed), acceleration):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             self._keep_up(state.time)
             now.lap("zones")
@@ -401,11 +410,14 @@ class Planner(Changeable):
         """
         return output_named("planner record")(self, path, live)
 
-    def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
+    def _doubted(self, now: Replan, speed: float, acceleration: float | None) -> Iterator[str]:
         period, following = self._means.safety_gate.period, self._means.following
         yield from self._assumptions.broken(now.moment, self._last, following, self.given.bounds, period)
         yield from self._inbox.leads()
         found = {"speed": speeding(abs(speed), self._means.given.vehicle.max_speed * self._units.speed)}
+        if acceleration is not None and now.moment.state.acceleration is not None:
+            low, high = (one * self._units.acceleration for one in self._possible(now.moment.state.speed))
+            found["acceleration"] = accelerating(float(acceleration), low, high)
         if self._rolls(now.moment.state):
             has_gear = self._legs is not None or self.given.vehicle.reverse is not None
             found["gear"] = against_gear(abs(speed), has_gear)
@@ -451,7 +463,7 @@ class Planner(Changeable):
             front = front if either else heading
         pace = abs(pace)
         ahead = direction(given.vehicle, there, ahead, pace, given.goal.position)
-        return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration), front)
+        return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration, pace), front)
 
     def _front(self, time: float, heading: float | None) -> float | None:
         before, last = self._state, self._last
@@ -461,7 +473,7 @@ class Planner(Changeable):
         was, now = np.arctan2(points.path.direction[:, 1], points.path.direction[:, 0]).tolist()
         return heading if math.cos(heading - before.front - (now - was)) >= 0.0 else heading + math.pi
 
-    def _present_acceleration(self, time: float, given: float | None) -> float | None:
+    def _present_acceleration(self, time: float, given: float | None, pace: float) -> float | None:
         """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
         vehicle, last = self._means.given.vehicle, self._last
         if vehicle.max_jerk is None:
@@ -474,7 +486,13 @@ class Planner(Changeable):
             found = float(last.trip.at(time)[0].acceleration[0])
         else:
             found = 0.0
-        return min(max(found, -vehicle.max_deceleration), vehicle.max_acceleration)
+        low, high = self._possible(pace)
+        return min(max(found, low), high)
+
+    def _possible(self, pace: float) -> tuple[float, float]:
+        """Least and largest acceleration that the vehicle can have at a speed: none below nothing where it stands."""
+        vehicle = self._means.given.vehicle
+        return 0.0 if pace <= STOPS.standing else -vehicle.max_deceleration, vehicle.max_acceleration
 
     def _when_followed(self, state: State) -> State:
         """The state in which a new plan is begun: that of the present, or, without jumps, where the last one leads."""
