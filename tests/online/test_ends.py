@@ -74,3 +74,23 @@ def test_scenario_after_a_change_of_the_goal_has_its_target() -> None:
     planner.remove_obstacle("boat")
     with pytest.raises(sp.ScenarioError, match="there is no obstacle of this id"):
         sp.certify(planner.scenario, plan)
+
+
+@pytest.mark.parametrize(("place", "velocity"), [([11.0, 1.3], [-0.68, 0.02]), ([15.0, 0.0], [-0.7, 0.9])])
+def test_certified_answer_meets_a_known_target_as_the_certificate_says(
+    place: list[float], velocity: list[float]
+) -> None:
+    vehicle = {**VEHICLE, "max_speed": 1.5, "max_curvature": 1.4}
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0}
+    target = {"motion": {"position": place, "velocity": velocity}}
+    planner = sp.Planner(sp.Scenario(vehicle=vehicle, start=start, goal={"target": target}), online=ONLINE)
+    plan, certified = planner.replan(0.0, [0.0, 0.0], 0.0, 0.0), 0
+    for t in np.arange(1, 100) / 10.0:
+        if plan.certified:
+            off = plan.position(plan.arrival_time) - np.array(place) - plan.arrival_time * np.array(velocity)
+            assert np.hypot(*off) <= 2e-5
+            certified += 1
+        plan = follow(planner, float(t))
+        if plan.arrived:
+            break
+    assert plan.arrived and certified > 10
