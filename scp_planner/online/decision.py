@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scp_planner.errors import TooLargeError
 from scp_planner.online.arrival import Waiting
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import IMPROVEMENT, Means, Renewal, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
-from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason
+from scp_planner.online.reasons import ARRIVED, NEAR, OTHERWISE, CandidateKind, Reason, ReasonCode
 from scp_planner.online.safety_gate import Refusal, Vetted
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import OFF, TIME
@@ -67,7 +68,10 @@ class Decision:
     def answer(self, now: Replan) -> OnlinePlan:
         state, goal = now.moment.state, now.moment.scenario.goal
         self._fallback.be_patient(self._waiting.waited(state.time, math.dist(state.position, goal.position)))
-        plan = self._answer(now)
+        try:
+            plan = self._answer(now)
+        except TooLargeError as error:  # the goal is too far away for trips to be looked for
+            plan = self._stopped(now, Reason(ReasonCode.BLOCKED, str(error)))
         if self._means.gives_way_late or plan.arrived or plan.outcome in AWAY:
             return plan
         return self._fallback.sooner(now, plan)
