@@ -13,7 +13,7 @@ import numpy as np
 import scp_planner as sp
 from benchmarks.hostile import combined
 from benchmarks.hostile.dense import goal_speed_missed
-from benchmarks.hostile.drives import ROUND_THE_END
+from benchmarks.hostile.drives import HEADING, ROUND_THE_END
 from benchmarks.hostile.oracle import contents, refused, tolerances
 from benchmarks.hostile.outcome import Outcome, judged
 from benchmarks.hostile.wild import Data, Rng
@@ -217,12 +217,20 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     given = {each["id"] for each in scene["scenario"]["obstacles"]}
     others = [each for each in data["obstacles"] if each["id"] in given]
     if isinstance(data["goal"].get("target"), dict) and data["goal"]["target"].get("obstacle") not in (None, *given):
-        data = {**data, "goal": {**data["goal"], "target": scene["scenario"]["goal"].get("target")}}
+        target = scene["scenario"]["goal"]["target"]
+        motion = {"time": scene["scenario"]["start"]["time"], **target["motion"]}  # not that of this replan
+        data = {**data, "goal": {**data["goal"], "target": {**target, "motion": motion}}}
     data = {**data, "start": begins, "obstacles": others}
+    speed_met = 0.0
+    if data["goal"].get("target") is not None:  # met as closely as a period allows, as documented
+        data["goal"] = {**data["goal"], "radius": data["goal"].get("radius") or PERIOD * vehicle.max_speed}
+        speed_met = PERIOD * vehicle.max_deceleration + HEADING * vehicle.max_speed
     if plan.certified and plan.arrival_time - told.time >= SHORTEST:
         if plan.outcome in AWAY:
             data["goal"], data["goals"] = _at_the_end(plan), []
-        missed = refused(scene, scenario, plan, data=data, begin=told.time, samples=SAMPLES, lowered=True)
+        missed = refused(
+            scene, scenario, plan, data=data, begin=told.time, samples=SAMPLES, lowered=True, speed_met=speed_met
+        )
         return missed or _behind(plan, data)
     off = math.dist(np.asarray(plan.position(told.time)), told.position)
     near = tolerances(data, np.array([told.position, told.position]), np.array([told.time, told.time])).position
