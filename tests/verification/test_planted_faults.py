@@ -160,6 +160,7 @@ def test_a_promise_that_the_trip_breaks_is_found(found: str, path: str, value: A
         ({"goal_position", "jump"}, replace(TRIP, shift=(-2e-5, -2e-5))),
         ({"heading_along_path", "start_heading", "goal_heading"}, replace(TRIP, heading_off=0.01)),
         ({"turn_while_standing"}, replace(TRIP, rest=0.9 * TRIP.rest)),
+        (set(), replace(TRIP, shift=(5e-7, -5e-7))),
         ({"acceleration"}, replace(TRIP, ahead=Ramp(12.0, TOP, 1.01 * GAINS))),
     ],
 )
