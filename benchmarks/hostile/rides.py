@@ -215,12 +215,9 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     begins["heading"] = told.heading if str(vehicle.steering) == "ahead" else None
     # What is met is not kept clear of, but where it is an obstacle, too
     given = {each["id"] for each in scene["scenario"]["obstacles"]}
-    others = [each for each in data["obstacles"] if each["id"] in given]
-    if isinstance(data["goal"].get("target"), dict) and data["goal"]["target"].get("obstacle") not in (None, *given):
-        target = scene["scenario"]["goal"]["target"]
-        motion = {"time": scene["scenario"]["start"]["time"], **target["motion"]}  # not that of this replan
-        data = {**data, "goal": {**data["goal"], "target": {**target, "motion": motion}}}
-    data = {**data, "start": begins, "obstacles": others}
+    met = {each["id"]: each for each in data["obstacles"] if each["id"] not in given}
+    data["goal"], *data["goals"] = (_with_target(each, met) for each in (data["goal"], *data.get("goals", ())))
+    data = {**data, "start": begins, "obstacles": [each for each in data["obstacles"] if each["id"] in given]}
     speed_met = 0.0
     if data["goal"].get("target") is not None:  # met as closely as a period allows, as documented
         data["goal"] = {**data["goal"], "radius": data["goal"].get("radius") or PERIOD * vehicle.max_speed}
@@ -241,6 +238,13 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     if gap > FOLLOWS and not (speed == 0.0 and gap < FOLLOWS):
         return f"the answer begins {gap:.3g} m/s off the speed that was reported"
     return ""
+
+
+def _with_target(place: Data, met: Mapping[str, Data]) -> Data:
+    """Return a goal or a place whose target is told, if it was named by the planner."""
+    target = place.get("target")
+    name = target.get("obstacle") if isinstance(target, dict) else target
+    return {**place, "target": met[name]} if name in met else place
 
 
 def _at_the_end(plan: OnlinePlan) -> Data:
