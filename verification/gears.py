@@ -74,7 +74,10 @@ def gear_limits(
     found += _turns_on_the_spot(np.flatnonzero(moves), times, turns, rate, allowed)
     backward = 0.0
     quickest = max(float(vehicle["max_acceleration"]), float(vehicle["max_deceleration"]))
+    seam_length = allowed.position + quickest * step**2  # of a chord across a seam: it tells of no speed
     for first, last, gear in _stretches(gears, turns):
+        first += first > 0 and lengths[first] <= seam_length
+        last -= last < len(lengths) and lengths[last - 1] <= seam_length
         part = slice(first, last + 1)
         lasts, driven = (last - first) * step, float(lengths[first:last].sum())
         farthest = quickest * lasts**2 + (abs(float(data["start"]["speed"])) * lasts if first == 0 else 0.0)

@@ -244,7 +244,7 @@ def _with_target(place: Data, met: Mapping[str, Data]) -> Data:
     """Return a goal or a place whose target is told, if it was named by the planner."""
     target = place.get("target")
     name = target.get("obstacle") if isinstance(target, dict) else target
-    return {**place, "target": met[name]} if name in met else place
+    return place if name is None or name not in met else {**place, "target": met[name]}
 
 
 def _at_the_end(plan: OnlinePlan) -> Data:

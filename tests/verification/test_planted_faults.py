@@ -67,6 +67,8 @@ class Trip:
     heading_off: float = 0.0
     begin: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
+    shifted: float = 0.5
+    """Share of the rest, after which it is so much off."""
 
     @property
     def end(self) -> float:
@@ -76,7 +78,7 @@ class Trip:
         since = np.asarray(t) - self.begin
         x = self.ahead(since)
         y = -self.back(since - self.ahead.duration - self.rest)
-        jump = (since >= self.ahead.duration + 0.5 * self.rest)[:, None] * np.array(self.shift)
+        jump = (since >= self.ahead.duration + self.shifted * self.rest)[:, None] * np.array(self.shift)
         return np.stack([x, y], axis=1) + np.array(self.origin) + jump
 
     def heading(self, t: Array) -> Array:
@@ -161,6 +163,8 @@ def test_a_promise_that_the_trip_breaks_is_found(found: str, path: str, value: A
         ({"heading_along_path", "start_heading", "goal_heading"}, replace(TRIP, heading_off=0.01)),
         ({"turn_while_standing"}, replace(TRIP, rest=0.9 * TRIP.rest)),
         (set(), replace(TRIP, shift=(5e-7, -5e-7))),
+        (set(), replace(TRIP, shift=(5e-7, -5e-7), shifted=1.0)),
+        ({"goal_position", "deceleration"}, replace(TRIP, shift=(0.0, -2e-5), shifted=1.0)),
         ({"acceleration"}, replace(TRIP, ahead=Ramp(12.0, TOP, 1.01 * GAINS))),
     ],
 )
@@ -267,7 +271,7 @@ def test_limits_of_bends_and_forces_are_judged_in_each_gear(name: str, peak: flo
     begin = BENT.lasts * backwards
     first, last = BENT.position(np.array([begin, begin + BENT.lasts])).tolist()
     vehicle = {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.5, "max_deceleration": 1.5}
-    start = {"time": begin, "position": first, "heading": float(BENT.heading(begin)), "speed": 0.0}
+    start = {"time": begin, "position": first, "heading": float(BENT.heading(np.array(begin))), "speed": 0.0}
     for share, found in ((1.02, set()), (0.85, {name})):
         limited = {**vehicle, "reverse": {"max_speed": 2.0}, f"max_{name}": share * peak}
         data = {"vehicle": limited, "start": start, "goal": {"position": last, "speed": 0.0}}
