@@ -62,7 +62,8 @@ def _call(scene: Data, vehicle: Data, rng: Rng) -> list[Any]:
     begin = np.array(scene["scenario"]["start"]["position"])
     match int(rng.integers(6)):
         case 0:
-            return ["set_limits", {"max_speed": float(rng.uniform(0.3, 1.2)) * vehicle["max_speed"]}]
+            name = str(rng.choice(["max_speed", "max_deceleration"]))
+            return ["set_limits", {name: float(rng.uniform(0.3, 1.2)) * vehicle[name]}]
         case 1:
             return ["set_limits", {"max_curvature": float(rng.uniform(0.2, 1.5))}]
         case 2:
