@@ -30,10 +30,16 @@ def clearances(
     *,
     falling: bool = False,
 ) -> list[Finding]:
-    """Least clearance to each obstacle, of positions (n, 2) m at times (n,) s, with the regions of `check_trip`."""
+    """Least clearance to each obstacle, of positions (n, 2) m at times (n,) s, with the regions of `check_trip`.
+
+    Targets that the vehicle is to come as near to as to touch them are not kept clear of.
+    """
     radius = float(data["vehicle"]["radius"])
     found = []
+    touched = [str(obstacle["id"]) for obstacle in data.get("obstacles", ()) if _is_touched(data, obstacle)]
     for name, obstacle in _each_future(data):
+        if str(obstacle["id"]) in touched:
+            continue
         uncertain = _is_uncertain(obstacle)
         if uncertain and name not in regions and name != str(obstacle["id"]):
             continue  # a future that is improbable enough
@@ -49,6 +55,19 @@ def clearances(
         clearance = distance - radius - float(obstacle.get("margin") or 0.0)
         found.append(find_least_room("clearance", clearance, allowed.clearance, times, subject=name, falling=falling))
     return found
+
+
+def _is_touched(data: Mapping[str, Any], obstacle: Mapping[str, Any]) -> bool:
+    """Whether the goal or a place is on an obstacle that is its target, and not as far beside it as to lead past."""
+    radius = float(data["vehicle"]["radius"])
+    reach = radius + float(obstacle.get("margin") or 0.0) + _largest_radius(obstacle["shape"])
+    for place, usual in ((data["goal"], 0.0), *((one, radius) for one in data.get("goals") or ())):
+        target = place.get("target")
+        met = target.get("obstacle") if isinstance(target, Mapping) else target
+        near = usual if place.get("radius") is None else float(place["radius"])
+        if met == obstacle["id"] and math.hypot(*(place.get("offset") or (0.0, 0.0))) <= reach + near:
+            return True
+    return False
 
 
 def expected_motion(obstacle: Mapping[str, Any], times: Array, start_time: float) -> tuple[Array, Array]:
@@ -188,6 +207,14 @@ def _distance_to_shape(shape: Mapping[str, Any], offsets: Array, heading: Array 
 def _least_radius(shape: Mapping[str, Any]) -> float:
     """Radius, m, of the disc that a rectangle or an ellipse covers at any heading."""
     return min(float(value) / 2.0 for value in shape["rectangle"]) if "rectangle" in shape else min(shape["ellipse"])
+
+
+def _largest_radius(shape: Mapping[str, Any]) -> float:
+    """Radius, m, of the disc around its centre that covers a shape."""
+    if "rectangle" in shape:
+        return 0.5 * math.hypot(*shape["rectangle"])
+    corners = [math.hypot(*corner) for corner in shape.get("polygon") or ()]
+    return float(max(corners or shape.get("ellipse") or [shape["disc"]]))
 
 
 def distance_to_uncertain(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:

@@ -51,9 +51,17 @@ def gear_limits(
     along = chords[:, 0] * np.cos(middles) + chords[:, 1] * np.sin(middles)
     across = chords[:, 1] * np.cos(middles) - chords[:, 0] * np.sin(middles)
     moves = lengths > max(REVERSAL_LENGTH, ROUNDED * float(np.abs(positions).max()))
+    gears = np.where(moves, np.sign(along), 0.0)
+    around = np.pad(gears, 1)
+    seam = (around[:-2] != gears) | (around[2:] != gears)  # in part of the chord it may stand, and turn
+    seamless = np.abs(across) > np.where(seam, allowed.position, 0.0)
     found = find_worst(
         "heading_along_path",
-        np.where(moves, np.abs(np.arctan2(across, np.abs(along))) - turns**2, 0.0),
+        np.where(
+            moves & seamless,
+            np.abs(np.arctan2(across, np.abs(along))) - np.where(seam, np.abs(turns), turns**2),
+            0.0,
+        ),
         0.0,
         SLIP,
         times[:-1],
@@ -66,7 +74,10 @@ def gear_limits(
     found += _turns_on_the_spot(np.flatnonzero(moves), times, turns, rate, allowed)
     backward = 0.0
     quickest = max(float(vehicle["max_acceleration"]), float(vehicle["max_deceleration"]))
-    for first, last, gear in _stretches(np.where(moves, np.sign(along), 0.0), turns):
+    seam_length = allowed.position + quickest * step**2  # of a chord across a seam: it tells of no speed
+    for first, last, gear in _stretches(gears, turns):
+        first += first > 0 and lengths[first] <= seam_length
+        last -= last < len(lengths) and lengths[last - 1] <= seam_length
         part = slice(first, last + 1)
         lasts, driven = (last - first) * step, float(lengths[first:last].sum())
         farthest = quickest * lasts**2 + (abs(float(data["start"]["speed"])) * lasts if first == 0 else 0.0)

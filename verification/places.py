@@ -142,7 +142,7 @@ def occupied(
     data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances, ground: Any, *, falling: bool = False
 ) -> list[Finding]:
     """Least room to a shapely geometry of occupied ground, by shapely."""
-    if ground is None:
+    if ground is None or ground.is_empty:
         return []
     import shapely
 

@@ -63,6 +63,7 @@ def refused(
     begin: float | None = None,
     samples: int = SAMPLES,
     lowered: bool = False,
+    speed_met: float = 0.0,
 ) -> str:
     """Say what a plan that is said to be certified breaks of its scenario; nothing if nothing.
 
@@ -80,6 +81,8 @@ def refused(
     samples : int
     lowered : bool
         As for `check_trip`.
+    speed_met : float
+        By how much more than usual the speed at the end may be off, m/s.
     """
     data = contents(scenario) if data is None else data
     begin, end = plan.start_time if begin is None else begin, plan.arrival_time
@@ -91,6 +94,7 @@ def refused(
     times = np.linspace(begin, end, 200)
     places = np.asarray(plan.position(times))
     allowed = tolerances(data, places, times)
+    allowed = replace(allowed, goal_speed=allowed.goal_speed + speed_met)
     report = check_trip(
         data,
         lambda t: plan.position(np.clip(t, begin, end)),

@@ -13,7 +13,7 @@ import numpy as np
 import scp_planner as sp
 from benchmarks.hostile import combined
 from benchmarks.hostile.dense import goal_speed_missed
-from benchmarks.hostile.drives import ROUND_THE_END
+from benchmarks.hostile.drives import HEADING, ROUND_THE_END
 from benchmarks.hostile.oracle import contents, refused, tolerances
 from benchmarks.hostile.outcome import Outcome, judged
 from benchmarks.hostile.wild import Data, Rng
@@ -62,7 +62,8 @@ def _call(scene: Data, vehicle: Data, rng: Rng) -> list[Any]:
     begin = np.array(scene["scenario"]["start"]["position"])
     match int(rng.integers(6)):
         case 0:
-            return ["set_limits", {"max_speed": float(rng.uniform(0.3, 1.2)) * vehicle["max_speed"]}]
+            name = str(rng.choice(["max_speed", "max_deceleration"]))
+            return ["set_limits", {name: float(rng.uniform(0.3, 1.2)) * vehicle[name]}]
         case 1:
             return ["set_limits", {"max_curvature": float(rng.uniform(0.2, 1.5))}]
         case 2:
@@ -215,14 +216,19 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     begins["heading"] = told.heading if str(vehicle.steering) == "ahead" else None
     # What is met is not kept clear of, but where it is an obstacle, too
     given = {each["id"] for each in scene["scenario"]["obstacles"]}
-    others = [each for each in data["obstacles"] if each["id"] in given]
-    if isinstance(data["goal"].get("target"), dict) and data["goal"]["target"].get("obstacle") not in (None, *given):
-        data = {**data, "goal": {**data["goal"], "target": scene["scenario"]["goal"].get("target")}}
-    data = {**data, "start": begins, "obstacles": others}
+    met = {each["id"]: each for each in data["obstacles"] if each["id"] not in given}
+    data["goal"], *data["goals"] = (_with_target(each, met) for each in (data["goal"], *data.get("goals", ())))
+    data = {**data, "start": begins, "obstacles": [each for each in data["obstacles"] if each["id"] in given]}
+    speed_met = 0.0
+    if data["goal"].get("target") is not None:  # met as closely as a period allows, as documented
+        data["goal"] = {**data["goal"], "radius": data["goal"].get("radius") or PERIOD * vehicle.max_speed}
+        speed_met = PERIOD * vehicle.max_deceleration + HEADING * vehicle.max_speed
     if plan.certified and plan.arrival_time - told.time >= SHORTEST:
         if plan.outcome in AWAY:
             data["goal"], data["goals"] = _at_the_end(plan), []
-        missed = refused(scene, scenario, plan, data=data, begin=told.time, samples=SAMPLES, lowered=True)
+        missed = refused(
+            scene, scenario, plan, data=data, begin=told.time, samples=SAMPLES, lowered=True, speed_met=speed_met
+        )
         return missed or _behind(plan, data)
     off = math.dist(np.asarray(plan.position(told.time)), told.position)
     near = tolerances(data, np.array([told.position, told.position]), np.array([told.time, told.time])).position
@@ -233,6 +239,13 @@ def _judge(scene: Data, planner: sp.Planner, plan: OnlinePlan, told: _State, *, 
     if gap > FOLLOWS and not (speed == 0.0 and gap < FOLLOWS):
         return f"the answer begins {gap:.3g} m/s off the speed that was reported"
     return ""
+
+
+def _with_target(place: Data, met: Mapping[str, Data]) -> Data:
+    """Return a goal or a place whose target is told, if it was named by the planner."""
+    target = place.get("target")
+    name = target.get("obstacle") if isinstance(target, dict) else target
+    return place if name is None or name not in met else {**place, "target": met[name]}
 
 
 def _at_the_end(plan: OnlinePlan) -> Data:

@@ -21,6 +21,8 @@ WALL = 12.0
 """Times the limit of processor time: a worker that waits for nothing is ended after so long by the clock."""
 SPARE = 4.0
 """Times the limit of memory: the address space that a worker may have, so that none takes the machine down."""
+FILLED = 0.5
+"""Share of the limit of memory, after which a worker is not given another case."""
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -88,6 +90,13 @@ class Worker:
             return Outcome("too long", Fault.HANG, f"{used:.1f} s of the processor, {waited:.1f} s by the clock")
         return None
 
+    def is_filled(self, memory: int) -> bool:
+        """True if it has had so much memory that it would be in the way of the next case."""
+        try:
+            return self.peak_memory() > FILLED * memory
+        except OSError:
+            return True
+
     def peak_memory(self) -> int:
         """Bytes that it has had at most."""
         for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
@@ -145,7 +154,8 @@ def tried(
                 if outcome is not None and worker.job is not None:
                     yield *worker.job, outcome
                     worker.job = None
-                    if outcome.fault in (Fault.DIED, Fault.HANG, Fault.MEMORY):
+                    # What cases before left is no part of any case
+                    if outcome.fault in (Fault.DIED, Fault.HANG, Fault.MEMORY) or worker.is_filled(memory):
                         worker.end()
                         crew.remove(worker)
                         crew.append(Worker(memory, plan_time))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from scipy.special import fresnel
 
 from scp_planner.arrays import Array
 from verification.dense_check import check_trip
@@ -66,6 +67,8 @@ class Trip:
     heading_off: float = 0.0
     begin: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
+    shifted: float = 0.5
+    """Share of the rest, after which it is so much off."""
 
     @property
     def end(self) -> float:
@@ -75,7 +78,7 @@ class Trip:
         since = np.asarray(t) - self.begin
         x = self.ahead(since)
         y = -self.back(since - self.ahead.duration - self.rest)
-        jump = (since >= self.ahead.duration + 0.5 * self.rest)[:, None] * np.array(self.shift)
+        jump = (since >= self.ahead.duration + self.shifted * self.rest)[:, None] * np.array(self.shift)
         return np.stack([x, y], axis=1) + np.array(self.origin) + jump
 
     def heading(self, t: Array) -> Array:
@@ -159,6 +162,9 @@ def test_a_promise_that_the_trip_breaks_is_found(found: str, path: str, value: A
         ({"goal_position", "jump"}, replace(TRIP, shift=(-2e-5, -2e-5))),
         ({"heading_along_path", "start_heading", "goal_heading"}, replace(TRIP, heading_off=0.01)),
         ({"turn_while_standing"}, replace(TRIP, rest=0.9 * TRIP.rest)),
+        (set(), replace(TRIP, shift=(5e-7, -5e-7))),
+        (set(), replace(TRIP, shift=(5e-7, -5e-7), shifted=1.0)),
+        ({"goal_position", "deceleration"}, replace(TRIP, shift=(0.0, -2e-5), shifted=1.0)),
         ({"acceleration"}, replace(TRIP, ahead=Ramp(12.0, TOP, 1.01 * GAINS))),
     ],
 )
@@ -217,3 +223,74 @@ def test_a_limit_that_was_lowered_holds_as_soon_as_the_vehicle_can_keep_it(
     report = check_trip(data, position, 0.0, 4.0, lowered=True)
     assert {each.name for each in report.violations} == found
     assert "speed" in {each.name for each in check_trip(data, position, 0.0, 4.0).violations}
+
+
+@dataclass(frozen=True)
+class Bent:
+    """Along a clothoid to a standstill and back again, backwards, with smooth accelerations."""
+
+    length: float = 4.0
+    lasts: float = 4.0
+    sharpens: float = 0.1
+    """1/m2, by which the curvature grows along the way."""
+
+    def way(self, t: Array) -> Array:
+        share = 1.0 - np.abs(np.clip(np.asarray(t) / self.lasts, 0.0, 2.0) - 1.0)
+        return self.length * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+    def position(self, t: Array) -> Array:
+        unit = math.sqrt(math.pi / self.sharpens)
+        y, x = fresnel(self.way(t) / unit)
+        return unit * np.stack([x, y], axis=1)
+
+    def heading(self, t: Array) -> Array:
+        return 0.5 * self.sharpens * self.way(t) ** 2
+
+    def peaks(self) -> dict[str, float]:
+        """Largest values of what is limited, by the derivatives of the polynomial."""
+        share, (length, lasts) = np.linspace(0.0, 1.0, 100_001), (self.length, self.lasts)
+        way = length * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        speed = length / lasts * 30.0 * (share * (1.0 - share)) ** 2
+        gains = length / lasts**2 * 60.0 * share * (1.0 - share) * (1.0 - 2.0 * share)
+        lateral = self.sharpens * way * speed**2
+        return {
+            "curvature": self.sharpens * length,
+            "curvature_rate": self.sharpens * float(speed.max()),
+            "lateral_acceleration": float(lateral.max()),
+            "total_acceleration": float(np.hypot(gains, lateral).max()),
+            "jerk": 60.0 * length / lasts**3,
+        }
+
+
+BENT = Bent()
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize(("name", "peak"), BENT.peaks().items())
+def test_limits_of_bends_and_forces_are_judged_in_each_gear(name: str, peak: float, backwards: bool) -> None:
+    begin = BENT.lasts * backwards
+    first, last = BENT.position(np.array([begin, begin + BENT.lasts])).tolist()
+    vehicle = {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.5, "max_deceleration": 1.5}
+    start = {"time": begin, "position": first, "heading": float(BENT.heading(np.array(begin))), "speed": 0.0}
+    for share, found in ((1.02, set()), (0.85, {name})):
+        limited = {**vehicle, "reverse": {"max_speed": 2.0}, f"max_{name}": share * peak}
+        data = {"vehicle": limited, "start": start, "goal": {"position": last, "speed": 0.0}}
+        report = check_trip(data, BENT.position, begin, begin + BENT.lasts, heading=BENT.heading, samples=8000)
+        assert {each.name for each in report.violations} == found
+
+
+@pytest.mark.parametrize(
+    ("place", "offset", "found"),
+    [([12.0, -5.0], [0.0, 0.0], set()), ([6.0, -0.7], [6.0, -4.3], {"clearance"})],
+)
+def test_a_target_is_kept_clear_of_where_the_offset_leads_past_it(
+    place: list[float], offset: list[float], found: set[str]
+) -> None:
+    met = {"id": "met", "shape": {"disc": 0.5}, "motion": {"position": place}}
+    goal = {"target": "met", "offset": offset, "radius": 0.2}
+    assert broken({**DATA, "goal": goal, "obstacles": [met]}) == found
+    assert broken({**DATA, "goal": goal, "obstacles": [met, {**met, "id": "no target"}]}) == {"clearance"}
+
+
+def test_a_map_of_free_ground_is_no_finding() -> None:
+    assert broken(ground=shapely.union_all([])) == set()

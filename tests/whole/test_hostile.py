@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -247,6 +248,27 @@ def test_an_arrival_away_from_the_goal_is_found(monkeypatch: pytest.MonkeyPatch)
         {"scene": drawn, "steps": [{"call": None, "odd": None}], "predictor": False, "deadline": None}
     )
     assert "arrived" in outcome.detail
+
+
+@pytest.mark.parametrize(("takes", "late"), [(0.42, False), (0.44, True)])
+def test_a_late_answer_is_found(takes: float, late: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 0.3 s, by a tenth of it and 0.1 s at most, on a processor that takes so long."""
+    read = itertools.count()
+    monkeypatch.setattr(rides, "clocks", SimpleNamespace(process_time=lambda: takes * next(read)))
+    drawn = {"scenario": scene().to_dict(), "map": None, "least_time": None}
+    steps = [{"call": None, "odd": None}]
+    detail = rides.drive({"scene": drawn, "steps": steps, "predictor": False, "deadline": 0.3}).detail
+    assert ("0.44 s for 0.3 s" in detail) == late
+
+
+def test_a_target_is_where_it_was_at_the_start_of_the_drive_and_since() -> None:
+    """Met as closely as documented, 0.3 m here, of which it makes 0.9 m in the drive."""
+    moving = {"target": {"motion": {"position": [12.0, -1.0], "velocity": [0.0, 0.9]}}}
+    drawn = {"scenario": {**scene().to_dict(), "goal": moving}, "map": None, "least_time": None}
+    steps = [{"call": None, "odd": None}] * 10
+    outcome = rides.drive({"scene": drawn, "steps": steps, "predictor": False, "deadline": None})
+    assert (outcome.result, outcome.detail) == ("driven", "")
+    assert outcome.checked == 10
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
