@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, grown, run_of
+from scp_planner.tracking.tolerances import LEAST_DEVIATION
 
 
 @dataclass(frozen=True)
@@ -161,8 +162,10 @@ class Mixture:
 
     def radii(self, alpha: Array) -> Array:
         """Half axes (2, n), m, of the regions where the tail is at least alpha, (n,)."""
+        if len(self.variance) == 2 and (self.variance[0] == self.variance[1]).all():  # no direction is another
+            return np.repeat(replace(self, variance=self.variance[:1]).radii(alpha), 2, axis=0)
         squares = self.variance * (-2.0 * np.log(np.minimum(alpha, 1.0)))
-        least, most = np.zeros((2, len(alpha))), squares.max(axis=1, initial=0.0)
+        least, most = np.zeros((len(squares), len(alpha))), squares.max(axis=1, initial=0.0)
         for _ in range(_HALVINGS):
             middle = 0.5 * (least + most)
             far = (self.weight * np.exp(-0.5 * middle[:, None] / self.variance)).sum(axis=1) > alpha
@@ -171,6 +174,7 @@ class Mixture:
 
 
 _HALVINGS = 24
+_TINY = float(np.finfo(float).tiny)
 
 
 class FilterBank:
@@ -237,10 +241,12 @@ class FilterBank:
         """Log weights after lags (n,), s, in which motions may have changed."""
         weight = np.exp(self.log_weight[:, slots])
         leaving = -np.expm1(-self.hazard * lag) * weight
-        leaving[STANDS] = weight[STANDS] * lag / (self.stood[slots] + 2.0 * lag)  # the rule of succession
+        leaving[STANDS] = (
+            weight[STANDS] * lag / np.maximum(self.stood[slots] + 2.0 * lag, _TINY)
+        )  # the rule of succession
         stays = weight[STANDS] - leaving[STANDS]
         weight = weight - leaving + leaving.sum(axis=0) * self.prior[:, slots]
-        share = stays / np.maximum(weight[STANDS], np.finfo(float).tiny)
+        share = stays / np.maximum(weight[STANDS], _TINY)
         self.stood[slots] = (self.stood[slots] + lag) * np.minimum(share, 1.0)
         return np.asarray(np.log(weight))
 
@@ -298,7 +304,7 @@ class Snapshot:
         (one, two), (three, four) = walks.position, swings.position
         mixture = _about_mean(np.concatenate([one, three], axis=1), np.concatenate([two, four], axis=1), self.weight)
         # Stands on, or sets out within the lead (the rule of succession) and then accelerates in any direction.
-        stands, total = self.weight[STANDS], np.maximum(self.stood + lead, np.finfo(float).tiny)
+        stands, total = self.weight[STANDS], np.maximum(self.stood + lead, _TINY)
         weight = self.weight.copy()
         weight[STANDS] = stands * self.stood / total
         left = 1.0 - np.array(BANK.nodes)[:, None]
@@ -315,4 +321,4 @@ class Snapshot:
 def _about_mean(mean: Array, variance: Array, weight: Array) -> Mixture:
     center = (weight * mean).sum(axis=1)
     apart = mean - center[:, None]
-    return Mixture(center, variance + 0.5 * (apart * apart).sum(axis=0), weight)
+    return Mixture(center, np.maximum(variance + 0.5 * (apart * apart).sum(axis=0), LEAST_DEVIATION**2), weight)

@@ -42,8 +42,8 @@ class TrackLevels:
     def __init__(self, bank: FilterBank, unit: float, horizon: float = LEVELS.horizon) -> None:
         self.bank, self.horizon = bank, horizon
         self._unit = unit  # m^2/s^3, that kinds of motion are counted from
-        self._own = np.zeros((LEVELS.bins, 0))
-        self._pool = np.zeros((LEVELS.bins, _KINDS))
+        self._own = np.zeros((2, LEVELS.bins, 0))  # of whole tubes, and at single leads
+        self._pool = np.zeros((2, LEVELS.bins, _KINDS))
         self._at = np.zeros((LEVELS.pending, 0))  # Times of predictions; nan: none
         self._least = np.zeros((LEVELS.pending, 0))
         self._next = np.zeros((LEVELS.pending, 0))
@@ -51,7 +51,7 @@ class TrackLevels:
         self._kept: Snapshot | None = None  # (..., P K)
 
     def grow(self, size: int) -> None:
-        old = self._own.shape[1]
+        old = self._own.shape[-1]
         for name in ("_own", "_at", "_least", "_next", "_scored"):
             setattr(self, name, grown(getattr(self, name), size))
         self._at[:, old:] = np.nan
@@ -62,7 +62,7 @@ class TrackLevels:
         self._kept = empty
 
     def begin(self, slots: Index) -> None:
-        self._own[:, slots], self._at[:, slots], self._scored[slots] = 0.0, np.nan, 0.0
+        self._own[..., slots], self._at[:, slots], self._scored[slots] = 0.0, np.nan, 0.0
 
     def compare(self, slots: Index, times: Array, positions: Array, noise: Array) -> None:
         """Compare predictions that are due with positions (2, n), m, seen with variances (2, n), m^2."""
@@ -85,22 +85,25 @@ class TrackLevels:
         self._next[row, where] = (np.floor(leads / self.horizon * LEVELS.looks * (1 + 1e-9)) + 1.0) * (
             self.horizon / LEVELS.looks
         )
+        self._learn(1, where[counts], tail[counts], times[column][counts])
         done = self._next[row, where] > self.horizon * (1.0 + 1e-9)
         if done.any():
-            self._score(where[done], least[done], times[column][done])
+            self._learn(0, where[done], least[done], times[column][done])
             self._at[row[done], where[done]] = np.nan
 
-    def _score(self, slots: Index, scores: Array, times: Array) -> None:
+    def _learn(self, kind: int, slots: Index, scores: Array, times: Array) -> None:
+        """Count scores of tubes (0) or of single leads (1)."""
         size = -np.log(np.maximum(scores, np.finfo(float).tiny))
         place = np.minimum((size / LEVELS.widest * LEVELS.bins).astype(np.intp), LEVELS.bins - 1)
-        self._own[:, slots] *= np.exp(-(times - self._scored[slots]) / LEVELS.fade)
+        self._own[..., slots] *= np.exp(-(times - self._scored[slots]) / LEVELS.fade)
         self._scored[slots] = times
-        np.add.at(self._own, (place, slots), 1.0)
+        weight = 1.0 / LEVELS.looks if kind else 1.0
+        np.add.at(self._own[kind], (place, slots), weight)
         low, share = self._kinds(slots)
-        np.add.at(self._pool, (place, low), 1.0 - share)
-        np.add.at(self._pool, (place, low + 1), share)
-        total = self._pool.sum(axis=0)
-        self._pool *= np.minimum(LEVELS.most / np.maximum(total, LEVELS.most), 1.0)
+        pool = self._pool[kind]
+        np.add.at(pool, (place, low), weight * (1.0 - share))
+        np.add.at(pool, (place, low + 1), weight * share)
+        pool *= np.minimum(LEVELS.most / np.maximum(pool.sum(axis=0), LEVELS.most), 1.0)
 
     def _kinds(self, slots: Index) -> tuple[Index, Array]:
         """Kind of motion below that of each track, and the share of the next one."""
@@ -122,13 +125,14 @@ class TrackLevels:
         _put(self._kept, row * self._at.shape[1] + some, self.bank.snapshot(some))
         self._at[row, some], self._least[row, some], self._next[row, some] = times[wanted], 1.0, 0.0
 
-    def alphas(self, slots: Index, alpha: Array) -> Array:
-        """Tail at which regions hold whole tubes with probabilities 1 - alpha, (n,)."""
+    def alphas(self, slots: Index, alpha: Array, whole: bool = True) -> Array:
+        """Tail at which regions hold with probabilities 1 - alpha, (n,): whole tubes, or each lead by itself."""
         low, share = self._kinds(slots)
-        pool = self._pool[:, low] * (1.0 - share) + self._pool[:, low + 1] * share
-        beyond = _beyond(pool) + LEVELS.first * _LAW[:, None]
+        kind = 0 if whole else 1
+        pool = self._pool[kind][:, low] * (1.0 - share) + self._pool[kind][:, low + 1] * share
+        beyond = _beyond(pool) + LEVELS.first * (_LAW if whole else np.exp(-_EDGES))[:, None]
         beyond *= LEVELS.others / beyond[0]
-        beyond += _beyond(self._own[:, slots])
+        beyond += _beyond(self._own[kind][:, slots])
         chance = beyond / beyond[0]
         # linear in the logarithm of the chance between edges
         place = np.minimum((chance > alpha).sum(axis=0), LEVELS.bins)
