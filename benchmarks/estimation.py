@@ -23,9 +23,9 @@ from time import perf_counter
 import numpy as np
 
 import scp_planner as sp
-from scp_planner.online import sensor_frames
-from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Seen
+from scp_planner.prediction import sensor_frames
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.tracking.dynamics import dynamics_of
 from scp_planner.tracking.kalman import estimate_process, first_state, update_state

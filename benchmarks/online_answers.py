@@ -18,8 +18,8 @@ from scipy.special import ndtr, ndtri
 import scp_planner as sp
 from benchmarks import online_noticing
 from benchmarks.online_regions import BORDER, known
-from scp_planner.online import sensor_frames
-from scp_planner.online.track import Seen
+from scp_planner.prediction import sensor_frames
+from scp_planner.prediction.track import Seen
 from scp_planner.settings.online import Regions
 from scp_planner.tracking.conformal import square_within
 

@@ -18,9 +18,9 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import common, families, online_crowds, online_noticing
-from scp_planner.online import sensor_frames
-from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Seen
+from scp_planner.prediction import sensor_frames
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.track import Seen
 from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.simulation.worlds import Course, track_course
 from scp_planner.tracking.confidence import NormalErrors

@@ -12,7 +12,6 @@ import numpy as np
 from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.border import Border
-from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.manoeuvre_courses import (
     COURSES,
     GRADUAL,
@@ -22,6 +21,7 @@ from scp_planner.online.manoeuvre_courses import (
     Courses,
     ManoeuvreProfiles,
 )
+from scp_planner.prediction.foresight import foreseen, smaller
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch

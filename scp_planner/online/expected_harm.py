@@ -12,11 +12,11 @@ from scipy.special import ndtr
 from scp_planner.arrays import Array
 from scp_planner.online.border import Border
 from scp_planner.online.evasive_manoeuvres import WHOLE, EvasiveManoeuvres, Size, in_parts
-from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_outlooks import WORTH, a_moment
 from scp_planner.online.safety_gate import Moment
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LENGTH
+from scp_planner.prediction.foresight import foreseen
 from scp_planner.scenario.models import Confidence
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.tracking.confidence import marginal_scale

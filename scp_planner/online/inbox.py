@@ -10,10 +10,10 @@ from threading import Lock
 from typing import Any, Self
 
 from scp_planner.arrays import Array
-from scp_planner.online import sensor_frames
-from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.tolerances import RELATIVE
-from scp_planner.online.track import Seen
+from scp_planner.prediction import sensor_frames
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.track import Seen
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.motions import GivenMotion, moves, timed

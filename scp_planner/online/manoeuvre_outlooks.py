@@ -13,13 +13,13 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polylines import lengths_along, points_at
 from scp_planner.online.border import CELL_WINDOW, Border, CellDistances
 from scp_planner.online.evasive_manoeuvres import BORDER, WHOLE, Driven, EvasiveManoeuvres, Room, Size
-from scp_planner.online.foresight import foreseen
 from scp_planner.online.manoeuvre_courses import COURSES
 from scp_planner.online.means import Means
 from scp_planner.online.safety_gate import Moment, Stop
 from scp_planner.online.stops import time_from_a_stand
 from scp_planner.online.tolerances import LENGTH
 from scp_planner.online.way_left import WAY, way_left, way_left_both_ways, way_on
+from scp_planner.prediction.foresight import foreseen
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch

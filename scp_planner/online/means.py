@@ -18,7 +18,6 @@ from scp_planner.mathematics import corridor
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.arrival import Arrival
 from scp_planner.online.following import Deviation, Following
-from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.moving_goal import MovingGoal, but_for_touched
 from scp_planner.online.pace import Pace
@@ -41,6 +40,7 @@ from scp_planner.online.tolerances import OFF
 from scp_planner.planning.along_routes import guide_on
 from scp_planner.planning.offline import GETS_AWAY, planned
 from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.prediction.foresight import foreseen
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import default_guide, guide_over
 from scp_planner.problem.problem import Problem

@@ -12,7 +12,7 @@ from scp_planner.certificate.meeting import first_meeting
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.tolerances import OFF
-from scp_planner.online.track import ObstacleTrack
+from scp_planner.prediction.track import ObstacleTrack
 from scp_planner.scenario.models import Goal, Passage, Scenario
 from scp_planner.scenario.targets import obstacle_met
 from scp_planner.scenario.units import changed

@@ -18,7 +18,7 @@ from scp_planner.online.arguments import (
     checked_motion,
 )
 from scp_planner.online.inbox import Forecast, Inbox, Measurement, Update
-from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
 from scp_planner.scenario.models import Model, Obstacle
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.shapes import Shape

@@ -32,7 +32,6 @@ from scp_planner.online.following import Deviation, Following, larger
 from scp_planner.online.inbox import INBOX, Inbox
 from scp_planner.online.legs import CANNOT_ROLL, ROLLS, LegsAhead, along
 from scp_planner.online.means import REPLAN, Means, Replan
-from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.pace import PACE, Pace
 from scp_planner.online.places_ahead import PlacesAhead
 from scp_planner.online.plan import OnlinePlan
@@ -44,6 +43,7 @@ from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
 from scp_planner.planning.legs import may_back_up
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
 from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits, changed

@@ -16,7 +16,6 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.following import Deviation, Following
-from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.moving_goal import MovingGoal
 from scp_planner.online.reasons import REASONS, Reason
 from scp_planner.online.remaining import State, TripSamples
@@ -31,6 +30,7 @@ from scp_planner.online.stops import (
     surely_clear,
 )
 from scp_planner.online.tolerances import TIME
+from scp_planner.prediction.foresight import foreseen, smaller
 from scp_planner.scenario.models import Passage, Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.scp.evaluation import Evaluation

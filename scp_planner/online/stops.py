@@ -10,10 +10,10 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.foresight import foreseen
 from scp_planner.online.ramps import Ramps
 from scp_planner.online.remaining import State
 from scp_planner.online.tolerances import JERK_SHARE, RELATIVE, SPEED
+from scp_planner.prediction.foresight import foreseen
 from scp_planner.scenario.models import Vehicle
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch

@@ -109,8 +109,9 @@ class OnlineSettings(Knobs):
         also where a short trip leads nearly as far and keeps farther away. None: ``early`` among obstacles that wander
         about a velocity of their own, as those of the model ``pedestrian``, else ``late``.
     foresight : float or None
-        Time ahead for which zones grow; beyond it they assume future measurements, see `scp_planner.online.foresight`.
-        None: the time to react, to the next replan and to stop, and somewhat more, since a stop need not begin at once.
+        Time ahead for which zones grow; beyond it they assume future measurements, see
+        `scp_planner.prediction.foresight`. None: the time to react, to the next replan and to stop, and somewhat more,
+        since a stop need not begin at once.
     iterations : int
         Steps of the loop in one replan, at most; one is enough where it ends clear of all zones, and half as many where
         the vehicle is on its plan. More: better plans sooner, and longer replans.
@@ -133,7 +134,7 @@ class OnlineSettings(Knobs):
     newcomers : Newcomers
         Priors of tentative tracks: of obstacles with too few observations to estimate their motion.
     gate_probability : float
-        An observation less probable than this is left out, see `scp_planner.online.obstacle_tracks`.
+        An observation less probable than this is left out, see `scp_planner.prediction.obstacle_tracks`.
     alarm_probability : float
         A window of observations less probable than this is an alarm: then zones follow a motion with more process
         noise, see `scp_planner.tracking.noticing`. 0: no alarms, and the declared sensor noise is not corrected.

@@ -12,8 +12,8 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.errors import ScenarioError
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.foresight import foreseen
-from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.foresight import foreseen
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import ObstacleTrack, Seen, slots_of
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.track import ObstacleTrack, Seen, slots_of
 from scp_planner.tracking.noticing import Bank
 from scp_planner.tracking.predictions import misfits
 

@@ -10,7 +10,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.arrays import Array
-from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.prediction.obstacle_tracks import ObstacleTracks
 from scp_planner.settings.online import Regions, SceneOnlineSettings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone

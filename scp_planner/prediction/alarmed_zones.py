@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index, rows_of
-from scp_planner.online.many_zones import Level, made_zones
-from scp_planner.online.track import ObstacleTrack, slots_of
+from scp_planner.prediction.many_zones import Level, made_zones
+from scp_planner.prediction.track import ObstacleTrack, slots_of
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.change_hypotheses import CHANGE_HYPOTHESES, Changes, changed_motions, changes_of
 from scp_planner.tracking.filters import Mixture, even

@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.arrays import Index
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.online.track import ObstacleTrack, Seen
+from scp_planner.prediction.track import ObstacleTrack, Seen
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.tracking.confidence import NormalErrors
 from scp_planner.tracking.conformal import AdaptiveScales, region_score

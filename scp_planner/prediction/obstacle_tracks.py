@@ -13,9 +13,9 @@ import numpy as np
 
 from scp_planner.arrays import Array, joined, rows_of
 from scp_planner.errors import EstimationError
-from scp_planner.online.alarmed_zones import Alarmed, changes_among
-from scp_planner.online.foresight import Learning, least_noise
-from scp_planner.online.many_zones import (
+from scp_planner.prediction.alarmed_zones import Alarmed, changes_among
+from scp_planner.prediction.foresight import Learning, least_noise
+from scp_planner.prediction.many_zones import (
     InitialisedTracks,
     Level,
     SortedTracks,
@@ -23,8 +23,8 @@ from scp_planner.online.many_zones import (
     learns,
     newcomers_together,
 )
-from scp_planner.online.regions import RegionSizes
-from scp_planner.online.track import TRACKS, GivenZones, ObstacleTrack, Seen, prior_of, slots_of
+from scp_planner.prediction.regions import RegionSizes
+from scp_planner.prediction.track import TRACKS, GivenZones, ObstacleTrack, Seen, prior_of, slots_of
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
 from scp_planner.scenario.motions import Course, GivenMotion

@@ -12,7 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
-from scp_planner.online.track import TRACKS, ObstacleTrack
+from scp_planner.prediction.track import TRACKS, ObstacleTrack
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.reach import VELOCITY_SHARE, Reach, within_reach
 from scp_planner.threat_zones.zone import ThreatZone
