@@ -94,7 +94,8 @@ def _room(points: Array, normals: Array, polygons: ConvexPolygons, box: Box, rad
             share = room / towards
         high = np.where(towards > 0.0, np.minimum(high, share), high)
         low = np.where(towards < 0.0, np.maximum(low, share), low)
-    return low, high
+    # A point outside the box, along whose border it moves, would come back only far away
+    return np.clip(low, -most, most), np.clip(high, -most, most)
 
 
 def _energy(points: Array, normals: Array, weights: Array, tension: float) -> tuple[Array, Array]:

@@ -56,6 +56,14 @@ def test_a_straight_route_stays_and_a_bound_is_kept() -> None:
     assert widened(bent, nothing, below, RADIUS, (1, 1))[5:-5, 1].min() > 0.1
 
 
+def test_a_route_that_leaves_the_bounds_comes_back_no_faster_than_it_may_move() -> None:
+    """It ends beyond a border that its end runs along, but for a millionth: there the border is far away sideways."""
+    line = np.array([[0.0, 0.0], [3.0, 0.0], [3.0 + 1e-6, 6.0]])
+    right = Box(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([2.0, 2.0]))
+    found = widened(line, ConvexPolygons([]), right, RADIUS, (1, 1))
+    assert np.abs(found).max() < 6.0 + 12 * 1.25 * RADIUS
+
+
 def test_a_route_shorter_than_its_ends_stays() -> None:
     line = np.array([[0.0, 0.0], [0.2, 0.0]])
     assert widened(line, ConvexPolygons([]), OPEN, RADIUS, (2, 2)) is line
