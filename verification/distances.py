@@ -60,12 +60,14 @@ def clearances(
 def _is_touched(data: Mapping[str, Any], obstacle: Mapping[str, Any]) -> bool:
     """Whether the goal or a place is on an obstacle that is its target, and not as far beside it as to lead past."""
     radius = float(data["vehicle"]["radius"])
-    reach = radius + float(obstacle.get("margin") or 0.0) + _largest_radius(obstacle["shape"])
     for place, usual in ((data["goal"], 0.0), *((one, radius) for one in data.get("goals") or ())):
         target = place.get("target")
         met = target.get("obstacle") if isinstance(target, Mapping) else target
+        if met != obstacle["id"]:
+            continue
         near = usual if place.get("radius") is None else float(place["radius"])
-        if met == obstacle["id"] and math.hypot(*(place.get("offset") or (0.0, 0.0))) <= reach + near:
+        reach = near + radius + float(obstacle.get("margin") or 0.0) + _largest_radius(obstacle["shape"])
+        if math.hypot(*(place.get("offset") or (0.0, 0.0))) <= reach:
             return True
     return False
 
