@@ -212,7 +212,7 @@ class Means:
             passing = self.places.passing
         zones = but_for_touched(zones, self.places.goals, self.given, self.obstacles.tracks)
         if goal.target is None:
-            scenario = changed(scenario, goal=self._slow_enough(scenario.goal))
+            scenario = changed(scenario, goal=self._slow_enough(scenario.goal, state))
             return Moment(state, scenario, zones, self.following.tube, passing=passing, onward=self.onward)
         arrival = self.arrival
         moving = MovingGoal.of(goal, zones, arrival.near, arrival.speed, arrival.heading)
@@ -230,11 +230,20 @@ class Means:
             return Moment(state, scenario, zones, self.following.tube, lost=lost)
         zones = but_for_touched(zones, (goal,), self.given, self.obstacles.tracks)
         return Moment(
-            state, changed(scenario, goal=self._slow_enough(moving.planned(time))), zones, self.following.tube, moving
+            state,
+            changed(scenario, goal=self._slow_enough(moving.planned(time), state)),
+            zones,
+            self.following.tube,
+            moving,
         )
 
-    def _slow_enough(self, goal: Goal) -> Goal:
-        """Return a goal that may be passed at speed, at one from which the vehicle can stop behind it."""
+    def _slow_enough(self, goal: Goal, state: State) -> Goal:
+        """Return a goal that may be passed at speed, at one from which the vehicle can stop behind it.
+
+        Trips from a stand may end in another heading than those that were refused.
+        """
+        if state.speed <= STOPS.standing:
+            self.safety_gate.fastest_end = math.inf
         most = self.safety_gate.fastest_end
         free = goal.speed is None and goal.speed_range is None and most < math.inf
         return changed(goal, speed_range=(0.0, most)) if free else goal

@@ -330,7 +330,7 @@ def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
 
 def test_in_a_narrow_room_no_manoeuvre_ends_where_no_trip_leads_on() -> None:
     """Something blocks the room for a while. The vehicle cannot turn round there: turned to a wall it would stay."""
-    planner = Planner(scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)}), online=OnlineSettings(iterations=6))
+    planner = Planner(scene(bounds={"min": (-2.0, -1.1), "max": (26.0, 1.1)}), online=OnlineSettings(iterations=6))
     plan = planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
     for k in range(20, 75):
         time = 0.1 * k

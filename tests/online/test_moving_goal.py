@@ -123,7 +123,7 @@ def test_target_without_a_radius_is_met_within_the_way_of_a_period(match: bool) 
     passing = {"position": [-7.9, -0.7], "velocity": [0.7, 0.0]}
     planner = sp.Planner(scene(target={"motion": passing}, match_velocity=match), online=sp.OnlineSettings(period=0.1))
     plan = planner.replan(0.0, [0.0, 0.0], 1.5, 0.0)
-    for t in np.arange(1, 100) / 10.0:
+    for t in np.arange(1, 200) / 10.0:
         plan = follow(planner, float(t))
         if plan.arrived:
             break

@@ -81,7 +81,7 @@ def test_a_wall_on_the_way_is_driven_round(kind: str) -> None:
     asked = scene(goals[kind], obstacles, walls=[wall])
     if kind == "target":
         asked = sp.Scenario(**{**asked.to_dict(), "goal": {"target": "ann", "radius": 0.5}})
-    run = sp.simulate(asked, noise=0.05, rate=10.0, seed=0)
+    run = sp.simulate(asked, noise=0.05, rate=10.0, seed=1)
     assert run.arrived and all(one.safe for one in run.records)
     assert run.travel_time < 2.5 * sp.plan(asked).travel_time
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.polylines import lengths_along, points_at
 
 Point = tuple[float, float]
@@ -21,6 +22,7 @@ Point = tuple[float, float]
 class RoadParameters:
     # m of the file, between points of the guide, which would else show the kinks of the centre lines
     guide_step: float = 3.0
+    most_points: int = 100_000  # Of the guide along one lane
     change_cost: float = 30.0  # m of the file: of way that a change of lanes is worth
     change_margin: float = 0.2  # Part of a lane, before and after a change, in which the guide keeps to it
     wrong_way: float = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
@@ -151,6 +153,9 @@ def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
         high = first + share * (k + 1.0 - (ROADS.change_margin if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
         count = max(2, math.ceil((high - low) * stations[-1] / ROADS.guide_step) + 1)
+        if count > ROADS.most_points:
+            text = f"must be at most {ROADS.most_points * ROADS.guide_step:g} m long"
+            raise TooLargeError(f"lanelet {lane.lanelet_id}: {text}; it is {stations[-1]:g} m")
         points += list(points_at(np.linspace(low, high, count) * stations[-1], stations, line))
     return points
 
