@@ -25,7 +25,7 @@ import json  # noqa: E402
 import platform  # noqa: E402
 import sys  # noqa: E402
 import tempfile  # noqa: E402
-from collections.abc import Iterable, Mapping, Sequence  # noqa: E402
+from collections.abc import Callable, Iterable, Mapping, Sequence  # noqa: E402
 from importlib import metadata  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
@@ -217,6 +217,19 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)
+
+
+def names_among(known: Sequence[str]) -> Callable[[str], list[str]]:
+    """Type of an argument that lists some of the known names, separated by commas, or is ``all``."""
+
+    def read(text: str) -> list[str]:
+        names = list(known) if text == "all" else text.split(",")
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(known)}")
+        return names
+
+    return read
 
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:

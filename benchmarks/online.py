@@ -91,6 +91,14 @@ class Ledger:
                 common.say(f"{self.path.name}: {number} of {len(todo)}, {perf_counter() - began:.0f} s")
         return [row for row in self.rows if self._name(row) in names]
 
+    def fill_in_processes(self, wanted: Sequence[Row], run: Callable[[Row], Row], workers: int) -> list[Row]:
+        """Like ``fill``, with so many processes; ``run`` is a function of a module."""
+        if workers == 1:
+            return self.fill(wanted, run)
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+            running = {tuple(row.values()): pool.submit(run, row) for row in self.missing(wanted)}
+            return self.fill(wanted, lambda row: running[tuple(row.values())].result())
+
 
 def values(rows: Iterable[Row], key: str) -> np.ndarray:
     """A column as numbers."""

@@ -17,29 +17,17 @@ from benchmarks import common  # isort: skip
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.crowds import protocols, recorded
 from benchmarks.crowds.policies import POLICIES
 from benchmarks.crowds.profiles import PROFILES
-from benchmarks.crowds.protocols import Row
 from benchmarks.online import Ledger
 from benchmarks.online_crowds import recordings
 
 KEYS = ("protocol", "people", "robot", "policy", "profile", "seed")
-
-
-def filled(ledger: Ledger, wanted: Sequence[Row], run: Callable[[Row], Row], workers: int) -> list[Row]:
-    """Rows of all episodes that are wanted, driven by so many processes where they are not there yet."""
-    if workers == 1:
-        return ledger.fill(wanted, run)
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        running = {tuple(row.values()): pool.submit(run, row) for row in ledger.missing(wanted)}
-        return ledger.fill(wanted, lambda row: running[tuple(row.values())].result())
 
 
 def crossing(options: argparse.Namespace) -> int:
@@ -51,7 +39,7 @@ def crossing(options: argparse.Namespace) -> int:
         dict(zip(KEYS, (options.command, people, options.robot, options.policy, profile, seed), strict=True))
         for seed in range(options.seed, options.seed + options.count)
     ]
-    rows = filled(ledger, wanted, protocols.run, options.workers)
+    rows = ledger.fill_in_processes(wanted, protocols.run, options.workers)
     name = (options.command, str(people), options.robot, " ".join((options.policy, profile)).strip())
     sys.stdout.write(protocols.table({name: rows}) + "\n")
     published = protocols.PUBLISHED.get((options.command, options.robot))
@@ -81,7 +69,7 @@ def through_recordings(options: argparse.Namespace) -> int:
             common.say(f"{place}: {most} scenes were recorded")
     if not wanted:
         raise common.MissingDataError(f"no scenes from {options.seed} on")
-    rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
+    rows = ledger.fill_in_processes(wanted, partial(recorded.run, folder=options.tracks), options.workers)
     sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED[times]}\n")
     if options.json:
         asked = {"protocol": "recorded", **{key: wanted[0][key] for key in keys[2:]}}

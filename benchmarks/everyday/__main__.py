@@ -17,10 +17,8 @@ from benchmarks import common  # isort: skip
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.everyday import scenes
@@ -42,26 +40,10 @@ def loops(options: argparse.Namespace) -> int:
         for seed in range(options.seed, options.seed + options.count)
     ]
     ledger = Ledger(options.output / "everyday.csv", KEYS, options.fresh)
-    if options.workers == 1:
-        rows = ledger.fill(wanted, run)
-    else:
-        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
-            running = {tuple(row.values()): pool.submit(run, row) for row in ledger.missing(wanted)}
-            rows = ledger.fill(wanted, lambda row: running[tuple(row.values())].result())
+    rows = ledger.fill_in_processes(wanted, run, options.workers)
     sys.stdout.write(table(rows) + "\n")
     common.write_environment(options.output / "everyday-environment.csv", common.environment())
     return 0
-
-
-def _names(known: Sequence[str]) -> Callable[[str], list[str]]:
-    def read(text: str) -> list[str]:
-        names = list(known) if text == "all" else text.split(",")
-        unknown = [name for name in names if name not in known]
-        if unknown:
-            raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(known)}")
-        return names
-
-    return read
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,8 +51,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m benchmarks.everyday", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.set_defaults(run=loops)
-    parser.add_argument("--scenes", type=_names(scenes.NAMES), default=list(scenes.NAMES), help="default: all")
-    parser.add_argument("--controllers", type=_names((*CONFIGURATIONS, *BASELINES)), default=["A"], help="default: A")
+    parser.add_argument(
+        "--scenes", type=common.names_among(scenes.NAMES), default=list(scenes.NAMES), help="default: all"
+    )
+    parser.add_argument(
+        "--controllers", type=common.names_among((*CONFIGURATIONS, *BASELINES)), default=["A"], help="default: A"
+    )
     parser.add_argument("--count", type=int, default=1, help="seeds a scene; default: 1")
     parser.add_argument("--seed", type=int, default=0, help="of the first")
     parser.add_argument("--workers", type=int, default=1, help="processes; default: 1")

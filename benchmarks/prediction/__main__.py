@@ -17,8 +17,6 @@ from benchmarks import common  # isort: skip
 import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -40,29 +38,13 @@ def regions(options: argparse.Namespace) -> int:
     for row in wanted:
         row["tracks_folder"] = options.tracks or ""
     ledger = Ledger(options.output / "prediction.csv", KEYS, options.fresh)
-    if options.workers == 1:
-        rows = ledger.fill(wanted, measure)
-    else:
-        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
-            running = {tuple(row.values()): pool.submit(measure, row) for row in ledger.missing(wanted)}
-            rows = ledger.fill(wanted, lambda row: running[tuple(row.values())].result())
+    rows = ledger.fill_in_processes(wanted, measure, options.workers)
     sys.stdout.write(table(rows) + "\n")
     for level in options.levels:
         ratios = [float(row["ratio"]) for row in rows if row["level"] == level]
         mean = float(np.exp(np.mean(np.log(ratios))))
         sys.stdout.write(f"{level}: ratio {mean:.2f} in the geometric mean, {max(ratios):.2f} at most\n")
     return 0
-
-
-def _names(known: Sequence[str]) -> type:
-    def read(text: str) -> list[str]:
-        names = list(known) if text == "all" else text.split(",")
-        unknown = [name for name in names if name not in known]
-        if unknown:
-            raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(known)}")
-        return names
-
-    return read  # type: ignore[return-value]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -73,9 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.set_defaults(run=regions)
     every = (*families.NAMES, *recordings.PLACES)
-    parser.add_argument("--families", type=_names(every), default=list(every), help="default: all")
-    parser.add_argument("--levels", type=_names(LEVELS), default=["per_obstacle"], help="default: per_obstacle")
-    parser.add_argument("--labels", type=_names(("yes", "no")), default=["yes"], help="class models; default: yes")
+    parser.add_argument("--families", type=common.names_among(every), default=list(every), help="default: all")
+    parser.add_argument(
+        "--levels", type=common.names_among(LEVELS), default=["per_obstacle"], help="default: per_obstacle"
+    )
+    parser.add_argument(
+        "--labels", type=common.names_among(("yes", "no")), default=["yes"], help="class models; default: yes"
+    )
     parser.add_argument("--count", type=int, default=42, help="motions of a family; default: 42")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1, help="processes; default: 1")
