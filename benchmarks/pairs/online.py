@@ -21,7 +21,7 @@ from benchmarks.pairs.scene import Change, Feature, Scene
 from benchmarks.pairs.verdict import Result, judge
 from scp_planner.online.plan import AWAY
 from verification.distances import clearances
-from verification.findings import Finding, Tolerances
+from verification.findings import Finding, Tolerances, find_worst
 from verification.meetings import meeting, passages
 from verification.places import corridor, disc_centres, occupied, walls
 
@@ -32,7 +32,7 @@ STEPS = 20
 KEPT = 0.8
 """Share of the tracking error by which the vehicle is off its plan."""
 CLEAR = 1e-3
-"""m, by which the arrival of a drive may miss more than one of a plan: as much as between two looks."""
+"""m or m/s, by which a drive may miss more than a plan, between the times at which it is looked at."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,12 @@ class Stretch:
     """Columns: x and y, m, heading, rad, speed, m/s, negative backwards."""
 
     def touched(self) -> Iterator[Finding]:
-        """Compare the drive with all that it is to stay clear of."""
+        """Compare the drive with the speeds of its gears, and with all that it is to stay clear of."""
         allowed = Tolerances(clearance=CLEAR)
+        vehicle, speeds = self.data["vehicle"], self.states[:, 3]
+        yield from find_worst("speed", speeds, vehicle["max_speed"], CLEAR, self.times)
+        backwards = vehicle.get("reverse") or {"max_speed": 0.0}
+        yield from find_worst("speed_backwards", -speeds, backwards["max_speed"], CLEAR, self.times)
         ground = occupied_ground(self.map)
         for place in disc_centres(self.data, self.states[:, :2], self.states[:, 2]):
             yield from walls(self.data, self.times, place, allowed)
