@@ -30,7 +30,8 @@ def add(scene: Scene, rng: Rng) -> None:
         goal["offset"] = rng.normal(0.0, 0.5, 2).tolist()
     place = place - np.array(goal.get("offset") or (0.0, 0.0))
     if rng.random() < 0.7:
-        target = {"position": (place - motion.duration * velocity).tolist(), "velocity": velocity.tolist()}
+        first = (place - motion.duration * velocity).tolist()
+        target = {"time": motion.start, "position": first, "velocity": velocity.tolist()}
     else:
         times = motion.start + motion.duration * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 2.0, 4.0])
         target = {"time": times.tolist(), "position": (place + (times - motion.end)[:, None] * velocity).tolist()}
