@@ -6,7 +6,7 @@ import difflib
 import re
 import reprlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 
@@ -51,6 +51,11 @@ class _Shortener(reprlib.Repr):
 _shortener = _Shortener()
 
 
+def below(place: str, key: str) -> str:
+    """Give the path of a key below a place; either may be empty."""
+    return f"{place}.{key}" if place and key else place or key
+
+
 @dataclass(frozen=True)
 class Fault:
     """One thing that is wrong with an input."""
@@ -58,6 +63,10 @@ class Fault:
     path: str
     value: object
     message: str
+
+    def below(self, place: str) -> Fault:
+        """Give the same fault where its path begins below a place."""
+        return replace(self, path=below(place, self.path))
 
     def __str__(self) -> str:
         where = self.path or "(the whole file)"

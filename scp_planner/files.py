@@ -17,12 +17,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError
-
-if TYPE_CHECKING:
-    import yaml
+from scp_planner.errors import Fault, FaultyInputError, ScenarioError, below
 
 YAML_SUFFIXES = (".yaml", ".yml")
 MOST_ENTRIES = 200_000
@@ -40,6 +37,9 @@ DEEPEST = 100
 
 LARGEST_FILE = 2**28
 """Bytes of a file that is read at most."""
+
+MOST_ALIASED = 100_000
+"""Values of a YAML file that its aliases stand for, all together."""
 
 _YAML_TAGS = {  # of YAML 1.2: pattern, and the characters that such text begins with
     "null": (r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
@@ -87,31 +87,36 @@ def read_text(path: str | PathLike[str], refused: type[FaultyInputError]) -> str
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise refused(str(path), [_not_text(raw, error)]) from None
+        text = f"must be UTF-8 text; byte {error.start} is not"
+        raise refused(str(path), [Fault("", raw[error.start : error.start + 1], text)]) from None
 
 
-def _not_text(raw: bytes, error: UnicodeDecodeError) -> Fault:
-    return Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")
-
-
-def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:
-    """Read the mapping that a file holds."""
+def read(
+    path: str | PathLike[str], refused: type[FaultyInputError] = ScenarioError
+) -> tuple[dict[str, Any], list[Fault]]:
+    """Read the mapping that a file holds, and the faults of its keys; raise an error of a class if there is none."""
     suffix = Path(path).suffix.lower()
     if suffix not in (*YAML_SUFFIXES, JSON_SUFFIX):
-        return None, [_wrong_suffix(path)]
-    raw = read_bytes(path)
+        raise refused(str(path), [_wrong_suffix(path)])
+    parse = parse_json if suffix == JSON_SUFFIX else _parse_yaml
     try:
-        text = raw.decode("utf-8-sig")
-        data, faults = _parse_json(text) if suffix == JSON_SUFFIX else _parse_yaml(text)
-    except UnicodeDecodeError as error:
-        return None, [_not_text(raw, error)]
-    except RecursionError:
-        return None, [Fault("", text, "must not be nested this deeply")]
-    except _SyntaxFault as error:
-        return None, [error.fault]
+        data, faults = parse(read_text(path, refused))
+    except SyntaxFault as error:
+        raise refused(str(path), [error.fault]) from None
     if not isinstance(data, dict):
-        return None, [Fault("", data, "must be a mapping of keys to values")]
+        raise refused(str(path), [Fault("", data, "must be a mapping of keys to values")])
     return data, faults
+
+
+def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any:
+    """Read a JSON file; raise an error of a class where the file is not JSON, or a key is in it twice."""
+    try:
+        data, faults = parse_json(read_text(path, refused))
+    except SyntaxFault as error:
+        faults = [error.fault]
+    if faults:
+        raise refused(str(path), faults)
+    return data
 
 
 def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
@@ -136,46 +141,6 @@ def write_text(path: str | PathLike[str], text: str) -> None:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
-
-
-def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any:
-    """Read a JSON file; raise an error of a class where the file is not JSON."""
-    return parse_json(read_text(path, refused), str(path), refused)
-
-
-def parse_json(text: str, source: str, refused: type[FaultyInputError], place: str = "") -> Any:
-    """Parse JSON; raise an error of a class, of a place, where it is not JSON, too deep, or has half characters."""
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:  # also whole numbers of thousands of digits
-        raise refused(source, [Fault(place, text, f"not a JSON file: {error}")]) from None
-    if _is_deep(data):
-        raise refused(source, [Fault(place, text, f"must not be nested deeper than {DEEPEST} levels")])
-    if _HALF.search(text):
-        try:
-            json.dumps(data, ensure_ascii=False).encode()
-        except UnicodeEncodeError:
-            raise refused(source, [Fault(place, MISSING, "must be text without lone surrogates")]) from None
-    return data
-
-
-_HALF = re.compile(r"\\u[dD][89a-fA-F]")  # escape of one half of a character
-
-
-def _is_deep(data: Any) -> bool:
-    """True if there are more levels of lists and mappings than a file may have."""
-    level = [data]
-    for _ in range(DEEPEST + 1):
-        level = [
-            each
-            for part in level
-            if isinstance(part, (dict, list))
-            for each in (part.values() if isinstance(part, dict) else part)
-            if isinstance(each, (dict, list))
-        ]
-        if not level:
-            return False
-    return True
 
 
 def write_rows(path: str | PathLike[str], kind: type, rows: Iterable[Any], without: Sequence[str] = ()) -> None:
@@ -293,12 +258,16 @@ def _usual_mode(target: Path) -> int:
         return 0o666 & ~mask
 
 
-class _SyntaxFault(Exception):
+class SyntaxFault(Exception):
     """The text is not YAML or JSON at all."""
 
-    def __init__(self, value: str, line: int | None, message: str) -> None:
-        place = "" if line is None else f"line {line}"
-        self.fault = Fault(place, value, message)
+    def __init__(self, text: str, line: int | None, message: str) -> None:
+        lines = text.splitlines()
+        value = lines[line - 1].strip() if line is not None and 0 < line <= len(lines) else text
+        self.fault = Fault("" if line is None else f"line {line}", value, message)
+
+
+_NESTED = f"must not be nested deeper than {DEEPEST} levels"
 
 
 def _wrong_suffix(path: str | PathLike[str]) -> Fault:
@@ -306,108 +275,90 @@ def _wrong_suffix(path: str | PathLike[str]) -> Fault:
     return Fault("file name", Path(path).name, f"must end in one of {suffixes}")
 
 
-def _parse_json(text: str) -> tuple[Any, list[Fault]]:
+def parse_json(text: str) -> tuple[Any, list[Fault]]:
+    """Parse JSON, and list the keys that are in it twice; raise a SyntaxFault."""
     try:
-        data = json.loads(text, object_pairs_hook=_Pairs)
-    except json.JSONDecodeError as error:
-        raise _SyntaxFault(_line(text, error.lineno), error.lineno, f"must be JSON: {error.msg}") from None
-    except ValueError as error:  # a whole number of thousands of digits
-        raise _SyntaxFault(text, None, f"must be JSON: {error}") from None
-    return data, list(_repeated_json_keys(data, ""))
+        data = json.loads(text, object_pairs_hook=_Mapping)
+        return data, list(_key_faults(data, "", set()))
+    except RecursionError:
+        raise SyntaxFault(text, None, _NESTED) from None
+    except ValueError as error:  # also whole numbers of thousands of digits
+        said = f"must be JSON: {getattr(error, 'msg', error)}"
+        raise SyntaxFault(text, getattr(error, "lineno", None), said) from None
 
 
-class _Pairs(dict[str, Any]):
-    """A JSON object that remembers which of its keys came twice."""
+class _Mapping(dict[str, Any]):
+    """Keys and values of a file, and those whose key was there before, with their line if that is known."""
 
-    def __init__(self, pairs: list[tuple[str, Any]]) -> None:
+    def __init__(self, pairs: Sequence[tuple[str, Any]], lines: Sequence[str] = ()) -> None:
         super().__init__(pairs)
-        self.repeated: list[tuple[str, Any]] = []
+        self.repeated: list[tuple[str, Any, str]] = []
         if len(self) < len(pairs):
             seen: set[str] = set()
-            for key, value in pairs:
+            for number, (key, value) in enumerate(pairs):
                 if key in seen:
-                    self.repeated.append((key, value))
+                    self.repeated.append((key, value, lines[number] if lines else ""))
                 seen.add(key)
 
 
-def _repeated_json_keys(data: Any, path: str) -> Iterator[Fault]:
-    if isinstance(data, _Pairs):
-        for key, value in data.repeated:
-            yield Fault(_below(path, key), value, "must be given only once; this is a repeated key")
-        for key, value in data.items():
-            yield from _repeated_json_keys(value, _below(path, key))
-    elif isinstance(data, list) and any(isinstance(item, (dict, list)) for item in data):
-        for i, item in enumerate(data):
-            yield from _repeated_json_keys(item, f"{path}[{i}]")
+def _key_faults(data: Any, path: str, seen: set[int], level: int = 0) -> Iterator[Fault]:
+    """Yield the keys that are there twice; raise a RecursionError where lists and mappings are nested too deeply."""
+    if id(data) in seen or not isinstance(data, (dict, list)):  # an alias: looked at where its anchor stands
+        return
+    seen.add(id(data))
+    if level > DEEPEST:
+        raise RecursionError
+    if isinstance(data, _Mapping):
+        for key, value, line in data.repeated:
+            yield Fault(below(path, key), value, f"must be given only once; this is a repeated key{line}")
+        parts = [(below(path, key), value) for key, value in data.items()]
+    else:
+        parts = [(f"{path}[{i}]", item) for i, item in enumerate(data) if isinstance(item, (dict, list))]
+    for place, part in parts:
+        yield from _key_faults(part, place, seen, level + 1)
 
 
 def _parse_yaml(text: str) -> tuple[Any, list[Fault]]:
     import yaml
 
     kind = _loader()
-    loader = kind(text)
     try:
-        _check_depth(text, kind)
-        node = loader.get_single_node()
-        if node is None:
-            return None, []
-        faults = list(_repeated_yaml_keys(node, "", set()))
-        return loader.construct_document(node), faults
+        _check_nodes(text, kind)
+        data = yaml.load(text, Loader=kind)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = None if mark is None else mark.line + 1
         said = "; ".join(str(part) for part in (error.context, error.problem) if part)
-        raise _SyntaxFault(_line(text, line), line, f"must be YAML: {said}") from None
+        raise SyntaxFault(text, line, f"must be YAML: {said}") from None
     except (yaml.YAMLError, ValueError) as error:
-        raise _SyntaxFault(text, None, f"must be YAML: {error}") from None
-    finally:
-        loader.dispose()
+        raise SyntaxFault(text, None, f"must be YAML: {error}") from None
+    return data, list(_key_faults(data, "", set()))
 
 
-def _check_depth(text: str, kind: Any) -> None:
-    """Refuse what is nested deeper than any scenario, before building it overruns the stack."""
+def _check_nodes(text: str, kind: Any) -> None:
+    """Refuse nesting that would overrun the stack, and aliases that stand for too much, before any of it is built."""
     import yaml
 
-    depth = 0
+    opened: list[tuple[str | None, int]] = []  # anchors of the lists and mappings that are open, nodes before them
+    sizes: dict[str, int] = {}
+    nodes = aliased = 0
     for event in yaml.parse(text, Loader=kind):
+        line = event.start_mark.line + 1 if event.start_mark else None
+        if isinstance(event, yaml.AliasEvent):
+            size = sizes.get(str(event.anchor), 1)
+            nodes, aliased = nodes + size, aliased + size
+        elif isinstance(event, yaml.NodeEvent):
+            nodes += 1
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
+            opened.append((event.anchor, nodes))
         elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > DEEPEST:
-            line = event.start_mark.line + 1 if event.start_mark else None
-            raise _SyntaxFault(_line(text, line), line, f"must not be nested deeper than {DEEPEST} levels")
-
-
-def _repeated_yaml_keys(node: yaml.Node, path: str, seen: set[int]) -> Iterator[Fault]:
-    import yaml
-
-    if id(node) in seen:  # an alias: looked at where its anchor stands
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.SequenceNode):
-        for i, item in enumerate(node.value):
-            yield from _repeated_yaml_keys(item, f"{path}[{i}]", seen)
-    elif isinstance(node, yaml.MappingNode):
-        keys: set[str] = set()
-        for key, value in node.value:
-            name = str(key.value)
-            if name in keys:
-                shown = value.value if isinstance(value, yaml.ScalarNode) else "..."
-                line = key.start_mark.line + 1
-                text = f"must be given only once; this is a repeated key (line {line})"
-                yield Fault(_below(path, name), shown, text)
-            keys.add(name)
-            yield from _repeated_yaml_keys(value, _below(path, name), seen)
-
-
-def _below(path: str, key: str) -> str:
-    return f"{path}.{key}" if path else key
-
-
-def _line(text: str, number: int | None) -> str:
-    lines = text.splitlines()
-    return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
+            anchor, before = opened.pop()
+            if anchor is not None:
+                sizes[anchor] = nodes - before + 1
+        if len(opened) > DEEPEST:
+            raise SyntaxFault(text, line, _NESTED)
+        if aliased > MOST_ALIASED:
+            raise SyntaxFault(text, line, f"must not stand for more than {MOST_ALIASED:,} values by its aliases")
 
 
 def _loader() -> Any:
@@ -418,6 +369,15 @@ def _loader() -> Any:
         yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
 
     _resolve(Loader, _YAML_TAGS)
+
+    def mapping(loader: Any, node: Any) -> Iterator[_Mapping]:
+        made = _Mapping(())
+        yield made  # before its values are there: an alias in them may stand for it
+        pairs = [(key.value, loader.construct_object(value)) for key, value in node.value]
+        made.repeated = _Mapping(pairs, [f" (line {key.start_mark.line + 1})" for key, _ in node.value]).repeated
+        made.update(loader.construct_mapping(node))
+
+    Loader.add_constructor("tag:yaml.org,2002:map", mapping)
     Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
     Loader.add_constructor("tag:yaml.org,2002:float", lambda loader, node: _float(loader.construct_scalar(node)))
     return Loader

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Flag, auto
+from math import inf, isfinite
+from typing import Any
 
 from scp_planner.certificate.tolerances import LARGEST_OFF_STEP, LENGTH_TOLERANCE, STEP_TOLERANCE
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.values import Endless, Finite, Name
 
 
 @dataclass(frozen=True)
@@ -24,14 +27,19 @@ class Clearance:
         Absolute time, s.
     """
 
-    minimum: float
-    obstacle: str | None = None
-    time: float | None = None
+    minimum: Endless = -inf
+    obstacle: Name | None = None
+    time: Finite | None = None
 
     def __str__(self) -> str:
         if self.obstacle is None:
             return "no obstacles" if self.minimum > 0.0 else "clearance not known"
         return f"{self.minimum:.4g} m clear of {self.obstacle}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the clearance for a file: null without obstacles, no minimum at all if it is not known."""
+        minimum = {"minimum": self.minimum if isfinite(self.minimum) else None}
+        return {**(minimum if self.minimum > -inf else {}), "obstacle": self.obstacle, "time": self.time}
 
     def outside(self, units: NaturalUnits) -> Clearance:
         """Return a clearance in the units of its scene in SI units."""
@@ -53,9 +61,9 @@ class LimitUse:
         Absolute time of the worst value, s.
     """
 
-    worst: float
-    limit: float | None
-    time: float
+    worst: Finite
+    limit: Finite | None
+    time: Finite
 
     def outside(self, units: NaturalUnits, unit: str) -> LimitUse:
         """Return the use of a limit in the units of its scene in SI units, ``unit`` the quantity's own."""

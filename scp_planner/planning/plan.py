@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from math import inf
@@ -17,14 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
-from scp_planner.errors import Fault, PlanError
+from scp_planner.errors import PlanError
 from scp_planner.files import read_json, write_text
 from scp_planner.outputs import output_named, picture_or_text
-from scp_planner.planning.plan_file import Within, check_samples, clearance_written, read_fields
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import KeyReader, legs_in, legs_written, trip_in, trip_written
+from scp_planner.trips.trip_file import legs_written, trip_written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,10 +51,6 @@ class PlanStatus(StrEnum):
     INFEASIBLE = "infeasible"
     FAILED = "failed"
     UNVERIFIED = "unverified"
-
-
-_STATED = tuple(str(status) for status in PlanStatus if status is not PlanStatus.UNVERIFIED)
-"""In files: a plan that is read and saved again states what it did before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,10 +275,8 @@ class Plan:
             "wall_time": self.wall_time,
             **({} if self.commonroad is None else {"commonroad": self.commonroad}),
             **(trip_written(self.trip) if self.legs is None else legs_written(self.legs)),
-            "clearance": clearance_written(self.clearance),
-            "limits": {
-                name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
-            },
+            "clearance": self.clearance.to_dict(),
+            "limits": {name: asdict(use) for name, use in self.limits.items()},
             "samples": self.samples(samples),
         }
 
@@ -390,11 +383,7 @@ class Plan:
             Naming the file, the key and the value; also if the file's samples are not those of its path and
             acceleration, to 1e-6 of the path's length, the travel time and the largest value of each quantity.
         """
-        name = str(path)
-        data = read_json(path, PlanError)
-        if not isinstance(data, dict):
-            raise PlanError(name, [Fault("", data, "expected a JSON object")])
-        return cls.from_dict(data, name)
+        return cls.from_dict(read_json(path, PlanError), str(path))
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], name: str) -> Self:
@@ -415,26 +404,9 @@ class Plan:
         PlanError
             Naming the key and the value.
         """
-        reader = KeyReader(data, name)
-        if reader.get("schema") != 1:
-            raise reader.fault("schema", reader.get("schema"), "1")
-        legs = legs_in(reader) if "legs" in data else None
-        trip = trip_in(reader) if legs is None else legs.legs[0].trip
-        stated = reader.get("status")
-        if stated not in _STATED:
-            raise reader.fault("status", stated, "one of " + ", ".join(_STATED))
-        plan = cls(
-            status=PlanStatus.UNVERIFIED,
-            trip=trip,
-            stated_status=PlanStatus(stated),
-            **read_fields(reader),
-            legs=legs,
-        )
-        if "samples" in data:
-            driven = trip.trajectory.path.arc_length if legs is None else legs.length
-            within = Within(plan.start_time, plan.travel_time, driven)
-            check_samples(reader.part("samples"), within, lambda name, times: getattr(plan, name)(times))
-        return plan
+        from scp_planner.planning.plan_file import read_plan
+
+        return read_plan(cls, data, name)
 
     def verified(
         self,

@@ -442,11 +442,11 @@ class Scenario(Part):
             raise ScenarioError(str(path), [Fault("", MISSING, f"XML files of CommonRoad are read by {reader}")])
         _check_count(path)
         data, faults = files.read(path)
-        if data is not None and "travel_time" in data:
+        if "travel_time" in data:
             raise ScenarioError(str(path), [Fault("", MISSING, "this is a plan or a run, not a scenario")])
         folder = Path(path).parent
         faults = [*faults, *read_processes(data, folder), *read_ground(data, folder)]
-        return part_of_file(cls, path, data, faults, ScenarioError)
+        return part_of_file(cls, path, data, ScenarioError, faults=faults)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scenario so that `load` gives an equal one: floats keep every bit.

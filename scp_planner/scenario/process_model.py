@@ -22,12 +22,10 @@ from scp_planner.scenario.validation import (
     part_of_file,
     variant,
 )
+from scp_planner.scenario.values import Count, Positive
 
 SCHEMA_VERSION = 1
 """Version of scenario files, and of files of motion models."""
-
-Positive = Annotated[float, Field(strict=True, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, ge=0)]
 
 
 class RandomWalkVelocity(Part):
@@ -118,11 +116,9 @@ class FittedTo(Part):
     """Data that a model was fitted to, for the reader of its file."""
 
     source: str = Field(default="", description="where the tracks came from")
-    tracks: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="how many tracks")
-    observations: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="how many positions in them")
-    window: Annotated[int, Field(strict=True, ge=0)] = Field(
-        default=0, description="positions that predictions were from"
-    )
+    tracks: Count = Field(default=0, description="how many tracks")
+    observations: Count = Field(default=0, description="how many positions in them")
+    window: Count = Field(default=0, description="positions that predictions were from")
 
 
 def also_a_file_name(schema: dict[str, Any]) -> None:
@@ -205,8 +201,8 @@ class ProcessModel(Part):
         OSError
             If the file cannot be read.
         """
-        data, faults = files.read(path)
-        return part_of_file(cls, path, data, faults, MotionModelError)
+        data, faults = files.read(path, MotionModelError)
+        return part_of_file(cls, path, data, MotionModelError, faults=faults)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model so that `load` gives an equal one; the file is replaced whole or not at all."""

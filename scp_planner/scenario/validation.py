@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING as MISSING_DEFAULT
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
@@ -12,12 +13,13 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     ModelWrapValidatorHandler,
     TypeAdapter,
     ValidationError,
     model_validator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
 from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, nearest
 
@@ -65,6 +67,21 @@ else:
             return item[0] if isinstance(item, tuple) else item
 
     OfNumbers = OfParts = TakenAs
+
+
+@dataclass(frozen=True)
+class FiledAs:
+    """Annotation of a field that files hold as another type: what makes it of that, and that of it."""
+
+    kind: Any
+    made: Callable[[Any], Any]
+    written: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        """Give the schema of a field, as pydantic asks for it."""
+        writing = core_schema.plain_serializer_function_ser_schema(self.written)
+        kind = handler.generate_schema(self.kind)
+        return core_schema.no_info_after_validator_function(self.made, kind, serialization=writing)
 
 
 def by_default(default: Any, **about: Any) -> Any:
@@ -168,8 +185,8 @@ class Part(BaseModel):
         ScenarioError
             If there is no such field, or what was read is not allowed.
         """
-        changes, fields = update or {}, type(self).model_fields
-        unknown = [unknown_key(name, value, fields) for name, value in changes.items() if name not in fields]
+        changes, known = update or {}, type(self).model_fields
+        unknown = [unknown_key(name, value, known) for name, value in changes.items() if name not in known]
         if unknown:
             raise ScenarioError(type(self).__name__, unknown)
         if any(isinstance(value, dict | list) for value in changes.values()):
@@ -222,17 +239,36 @@ def faults_of(error: ValidationError) -> list[Fault]:
 
 
 def part_of_file(
-    kind: type[AnyPart], path: str | PathLike[str], data: Any, faults: Iterable[Fault], error: type[FaultyInputError]
+    kind: type[AnyPart],
+    source: str | PathLike[str],
+    data: Any,
+    error: type[FaultyInputError],
+    *,
+    faults: Iterable[Fault] = (),
+    place: str = "",
 ) -> AnyPart:
-    """Check what was read from a file, None if nothing could be; raise an error with all faults."""
+    """Check what is at a place of a file, some faults of which are known; raise an error with all."""
     part = None
     try:
-        part = kind.model_validate(data) if data is not None else None
+        part = kind.model_validate(data)
     except ValidationError as found:
         faults = [*faults, *faults_of(found)]
     if part is None or faults:
-        raise error(str(path), faults)
+        raise error(str(source), [fault.below(place) for fault in faults])
     return part
+
+
+def fields_of(kind: type, names: Iterable[str]) -> dict[str, Any]:
+    """Give some fields of a dataclass as `pydantic.create_model` takes them."""
+    hints, known = get_type_hints(kind, include_extras=True), {each.name: each for each in fields(kind)}
+    made: dict[str, Any] = {}
+    for name in names:
+        one = known[name]
+        default = {} if one.default is MISSING_DEFAULT else {"default": one.default}
+        if one.default_factory is not MISSING_DEFAULT:
+            default = {"default_factory": one.default_factory}
+        made[name] = (hints[name], Field(**default))
+    return made
 
 
 def variant(name: str) -> str:
@@ -328,6 +364,9 @@ _MESSAGES = {
     "none_required": "must be null in this version",
     "model_type": "must be a mapping of keys to values",
     "model_attributes_type": "must be a mapping of keys to values",
+    "dataclass_type": "must be a mapping of keys to values",
+    "unexpected_keyword_argument": "unknown key",
+    "bool_type": "must be true or false",
     "invalid_key": "keys must be text",
 }
 

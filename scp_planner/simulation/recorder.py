@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -14,23 +15,21 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 import numpy as np
 
 from scp_planner.errors import MISSING, Fault, PlanError
-from scp_planner.files import parse_json, read_text
+from scp_planner.files import SyntaxFault, parse_json, read_text
 from scp_planner.outputs import output_named
-from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import changed
-from scp_planner.simulation.cycle import Cycle, State, record_to_dict
-from scp_planner.simulation.run import Run, plan_to_dict
-from scp_planner.simulation.run_file import ChangeLine, FirstLine, ReplanLine, ShapeLine, read_part, read_plan
+from scp_planner.scenario.validation import Part, part_of_file
+from scp_planner.simulation.cycle import Cycle, State
+from scp_planner.simulation.run import RECORDING_SUFFIX, Run
+from scp_planner.simulation.run_file import ChangeLine, FirstLine, ReplanLine, ShapeLine
 from scp_planner.simulation.sensors import Observation
 
 if TYPE_CHECKING:
     from scp_planner.online.plan import OnlinePlan
     from scp_planner.online.planner import Planner
     from scp_planner.threat_zones.zone import ThreatZone
-
-RECORDING_SUFFIX = ".jsonl"
 
 
 class Recorder:
@@ -127,8 +126,10 @@ class Recorder:
         scenario: Scenario,
     ) -> None:
         cycle = Cycle.of(state, plan, seen, zones)
-        told = {"cycle": record_to_dict(cycle), "plan": plan_to_dict(plan), "arrived": plan.arrived}
-        self._write({**told, "wall_time": state.wall_time, "timings": plan.timings})
+        line = ReplanLine.model_construct(
+            cycle=cycle, plan=plan, arrived=plan.arrived, wall_time=state.wall_time, timings=plan.timings
+        )
+        self._write(line.model_dump(mode="json", exclude={"cycle": {"wall_time"}}))
         if self._live is not None:
             self._live.replan(cycle, plan, scenario)
 
@@ -150,42 +151,50 @@ class Recorder:
 def load_recording(path: str | PathLike[str]) -> Run:
     """Read a recording as a run; a last line without its end, as a crash leaves it, is left out."""
     *whole, _ = read_text(path, PlanError).split("\n")
-    lines = (parse_json(line, str(path), PlanError, f"line {number}") for number, line in enumerate(whole, 1))
-    return run_of(lines, str(path))
+    return run_of((_parsed(line, number, str(path)) for number, line in enumerate(whole, 1)), str(path))
+
+
+def _parsed(line: str, number: int, name: str) -> Any:
+    try:
+        data, faults = parse_json(line)
+    except SyntaxFault as error:
+        faults = [replace(error.fault, path="")]
+    if faults:
+        raise PlanError(name, [fault.below(f"line {number}") for fault in faults])
+    return data
 
 
 def run_of(lines: Iterable[Any], name: str) -> Run:
     """Make a run of the lines of a recording: what was driven is known at the replans, true obstacles are not."""
     nothing = PlanError(name, [Fault("", MISSING, "not a recording, or one without any replan")])
-    found = [*lines]
-    if not found:
+    first, *rest = [*lines] or [None]
+    if first is None:
         raise nothing
-    first, *rest = found
-    begin = read_part(FirstLine, first, name, "line 1")
-    replans: list[tuple[ReplanLine, Plan]] = []
+    begin = part_of_file(FirstLine, name, first, PlanError, place="line 1")
+    replans: list[ReplanLine] = []
     shapes: dict[str, Shape] = {}
     changes: list[Scenario] = []
     for number, data in enumerate(rest, 2):
-        keys, place = data if isinstance(data, dict) else {}, f"line {number}"
-        if "shape" in keys:
-            added = read_part(ShapeLine, data, name, place)
-            shapes[added.obstacle] = added.shape
-        elif "changed" in keys:
-            changes.append(read_part(ChangeLine, data, name, place).changed)
+        kind = next((kind for key, kind in _LINES.items() if isinstance(data, dict) and key in data), ReplanLine)
+        line = part_of_file(kind, name, data, PlanError, place=f"line {number}")
+        if isinstance(line, ShapeLine):
+            shapes[line.obstacle] = line.shape
+        elif isinstance(line, ChangeLine):
+            changes.append(line.changed)
         else:
-            line = read_part(ReplanLine, data, name, place)
-            if replans and line.cycle.time < replans[-1][0].cycle.time:
-                fault = Fault(f"{place}.cycle.time", line.cycle.time, "must not be before that of the replan before")
-                raise PlanError(name, [fault])
-            replans.append((line, read_plan(line.plan, name, f"{place}.plan")))
+            assert isinstance(line, ReplanLine)
+            if replans and line.cycle.time < replans[-1].cycle.time:
+                text = "must not be before that of the replan before"
+                raise PlanError(name, [Fault(f"line {number}.cycle.time", line.cycle.time, text)])
+            replans.append(line)
     if not replans:
         raise nothing
-    cycles = tuple(line.cycle.cycle(wall_time=line.wall_time) for line, _ in replans)
+    cycles = tuple(replace(line.cycle, wall_time=line.wall_time) for line in replans)
     time = np.array([cycle.time for cycle in cycles])
     return Run(
         scenario=begin.scenario,
         seed=0,
-        arrived=replans[-1][0].arrived,
+        arrived=replans[-1].arrived,
         contact=False,
         contact_standing=False,
         travel_time=float(time[-1] - time[0]),
@@ -196,7 +205,11 @@ def run_of(lines: Iterable[Any], name: str) -> Run:
         heading=np.array([cycle.heading for cycle in cycles]),
         speed=np.abs([cycle.speed for cycle in cycles]),
         obstacles={},
-        plans=tuple(plan for _, plan in replans),
+        plans=tuple(line.plan for line in replans),
         shapes=shapes,
         changes=tuple(changes),
     )
+
+
+_LINES: dict[str, type[Part]] = {"shape": ShapeLine, "changed": ChangeLine}
+"""Kinds of lines besides replans, by the key that each has."""

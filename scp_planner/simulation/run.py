@@ -5,28 +5,41 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cache
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import TypeAdapter, create_model
 
 from scp_planner.arrays import Array
 from scp_planner.errors import PlanError
 from scp_planner.files import read_json, write_text
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import Outcome
 from scp_planner.outputs import output_named, picture_or_text
-from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.shapes import Disc, Shape
-from scp_planner.simulation.cycle import Cycle, finite, infinite, record_to_dict
-from scp_planner.simulation.run_file import RunPart, read_part, read_plan
+from scp_planner.scenario.validation import fields_of, part_of_file
+from scp_planner.scenario.values import Endless, Flag, Name, NotNegative, Whole
+from scp_planner.simulation.cycle import Cycle
+from scp_planner.simulation.run_file import (
+    AnyCourse,
+    AnyRun,
+    Column,
+    FiledChange,
+    FiledPlan,
+    FiledScenario,
+    Places,
+    PlacesThere,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+RECORDING_SUFFIX = ".jsonl"
 STRANGER = Disc(disc=0.3)
 """Shape of an obstacle that is not in the scenario, by default."""
 
@@ -66,22 +79,22 @@ class Run:
         What goal, ground and limits were from their ``start.time`` on, where they changed on the way.
     """
 
-    scenario: Scenario
-    seed: int
-    arrived: bool
-    contact: bool
-    contact_standing: bool
-    travel_time: float
-    least_clearance: float
+    scenario: FiledScenario
+    seed: Whole
+    arrived: Flag
+    contact: Flag
+    contact_standing: Flag
+    travel_time: NotNegative
+    least_clearance: Endless
     records: tuple[Cycle, ...]
-    time: Array
-    position: Array
-    heading: Array
-    speed: Array
-    obstacles: Mapping[str, Array]
-    plans: tuple[Plan, ...]
-    shapes: Mapping[str, Shape] = field(default_factory=dict)
-    changes: tuple[Scenario, ...] = ()
+    time: Column
+    position: Places
+    heading: Column
+    speed: Column
+    obstacles: Mapping[Name, PlacesThere]
+    plans: tuple[FiledPlan, ...]
+    shapes: Mapping[Name, Shape] = field(default_factory=dict)
+    changes: tuple[FiledChange, ...] = ()
 
     @property
     def last_scenario(self) -> Scenario:
@@ -118,31 +131,11 @@ class Run:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of the run file."""
-        return {
-            "schema": 1,
-            "scenario": self.scenario.to_dict(),
-            "seed": self.seed,
-            "arrived": self.arrived,
-            "contact": self.contact,
-            "contact_standing": self.contact_standing,
-            "travel_time": self.travel_time,
-            "least_clearance": finite(self.least_clearance),
-            "outcomes": self.outcomes,
-            "course": {
-                "time": self.time.tolist(),
-                "position": self.position.tolist(),
-                "heading": self.heading.tolist(),
-                "speed": self.speed.tolist(),
-                "obstacles": {
-                    name: [None if np.isnan(x) else [x, y] for x, y in center.tolist()]
-                    for name, center in self.obstacles.items()
-                },
-            },
-            "records": [record_to_dict(record) for record in self.records],
-            "plans": [plan_to_dict(plan) for plan in self.plans],
-            "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
-            **({"changes": [each.to_dict() for each in self.changes]} if self.changes else {}),
-        }
+        data = _written().dump_python(self, mode="json", exclude={"records": {"__all__": {"wall_time"}}})
+        course = {key: data.pop(key) for key in _COURSE}
+        if not self.changes:
+            del data["changes"]
+        return {"schema": 1, **data, "outcomes": self.outcomes, "course": course}
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the run file, JSON, whole or not at all."""
@@ -166,33 +159,12 @@ class Run:
         PlanError
             If it is not one.
         """
-        name = str(path)
-        if name.lower().endswith(".jsonl"):
+        if str(path).lower().endswith(RECORDING_SUFFIX):
             found: Self = output_named("run recorded")(path)
             return found
-        data = read_part(RunPart, read_json(path, PlanError), name)
-        course = data.course
-        return cls(
-            scenario=data.scenario,
-            seed=data.seed,
-            arrived=data.arrived,
-            contact=data.contact,
-            contact_standing=data.contact_standing,
-            travel_time=data.travel_time,
-            least_clearance=infinite(data.least_clearance),
-            records=tuple(record.cycle() for record in data.records),
-            time=np.array(course.time),
-            position=np.array(course.position),
-            heading=np.array(course.heading),
-            speed=np.array(course.speed),
-            obstacles={
-                key: np.array([[np.nan, np.nan] if place is None else place for place in center])
-                for key, center in course.obstacles.items()
-            },
-            plans=tuple(read_plan(plan, name, f"plans[{number}]") for number, plan in enumerate(data.plans)),
-            shapes=data.shapes,
-            changes=tuple(data.changes),
-        )
+        data = part_of_file(_run_part(), path, read_json(path, PlanError), PlanError)
+        held = {**dict(data), **dict(data.course)}
+        return cls(**{each.name: held[each.name] for each in fields(cls)})
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Give what vehicle and obstacles did, (n,) arrays with units in their names; `pandas.DataFrame` takes it."""
@@ -243,10 +215,18 @@ class Run:
         return output_named("run recording")(self, frames_per_second, times)
 
 
-def plan_to_dict(plan: Plan) -> dict[str, Any]:
-    """Return a plan of a run, as small as it may be."""
-    data = plan.to_dict(samples=21)
-    data["wall_time"] = 0.0  # not the same in two runs
-    if isinstance(plan, OnlinePlan):
-        data.update(outcome=str(plan.outcome), code=str(plan.code), obstacle=plan.obstacle, lasts=plan.lasts)
-    return data
+_COURSE = ("time", "position", "heading", "speed", "obstacles")
+"""Fields of a run that are below ``course`` in its file."""
+
+
+@cache
+def _written() -> TypeAdapter[Run]:
+    return TypeAdapter(Run)
+
+
+@cache
+def _run_part() -> Any:
+    """Model of a run file, of the fields of a run."""
+    others = [each.name for each in fields(Run) if each.name not in _COURSE]
+    course: Any = create_model("CoursePart", __base__=AnyCourse, **fields_of(Run, _COURSE))
+    return create_model("RunPart", __base__=AnyRun, course=(course, ...), **fields_of(Run, others))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.scenario.values import NotNegative, Number, Text, Vector
 from scp_planner.simulation.tolerances import ROUNDING
 
 LEAST_NOISE = 1e-4
@@ -19,11 +20,11 @@ LEAST_NOISE = 1e-4
 class Observation:
     """One position that a sensor saw."""
 
-    obstacle: str
-    time: float  # s
-    arrival: float  # s
-    position: tuple[float, float]  # m
-    deviation: float  # Standard deviation of each coordinate, m
+    obstacle: Text
+    time: Number  # s
+    arrival: Number  # s
+    position: Vector  # m
+    deviation: NotNegative  # Standard deviation of each coordinate, m
 
 
 @dataclass(frozen=True)

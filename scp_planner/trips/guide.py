@@ -94,7 +94,7 @@ class Guide(Protocol):
         ...
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        """Return what a plan file holds of the guide."""
         ...
 
 
@@ -136,7 +136,7 @@ class StraightGuide:
         return StraightGuide(self.length * length)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        """Return what a plan file holds of the guide."""
         return {"kind": "straight", "length": self.length}
 
 
@@ -249,23 +249,5 @@ class CurvedGuide:
         return CurvedGuide(self.length * length, self.headings)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        """Return what a plan file holds of the guide."""
         return {"kind": "curved", "length": self.length, "headings": self.headings.tolist()}
-
-
-def guide_from_dict(data: dict[str, Any]) -> Guide:
-    """Return the guide of a plan file."""
-    kind = data["kind"]
-    if kind == "straight":
-        length = float(data["length"])
-        if not (0.0 < length < float("inf")):
-            raise ValueError(f"length {length!r} is not a positive number")
-        return StraightGuide(length)
-    if kind == "curved":
-        length, headings = float(data["length"]), np.asarray(data["headings"], dtype=float)
-        if not (0.0 < length < float("inf")):
-            raise ValueError(f"length {length!r} is not a positive number")
-        if headings.ndim != 1 or len(headings) < 4 or not np.all(np.isfinite(headings)):
-            raise ValueError("headings are not at least 4 finite numbers")
-        return CurvedGuide(length, headings)
-    raise ValueError(f"kind {kind!r} is none of straight, curved")

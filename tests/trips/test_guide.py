@@ -16,7 +16,7 @@ from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.settings.planning import Settings
-from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict
+from scp_planner.trips.guide import CurvedGuide, StraightGuide
 from scp_planner.trips.smoothing import smooth_guide
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -112,16 +112,6 @@ def test_ranges_of_the_curvature_contain_dense_samples(name: str) -> None:
         assert np.all((frame.curvature_rate >= rate.lower - 1e-12) & (frame.curvature_rate <= rate.upper + 1e-12))
         slope = (curve.frame(at + step).curvature_rate - curve.frame(at - step).curvature_rate) / (2 * step)
         assert np.all((slope >= second.lower - 1e-6) & (slope <= second.upper + 1e-6))
-
-
-def test_guides_are_made_again_from_their_dictionaries() -> None:
-    curve = guide("zigzag")
-    again = guide_from_dict(curve.to_dict())
-    stations = np.linspace(0.0, curve.length, 30)
-    assert again.frame(stations).position.tobytes() == curve.frame(stations).position.tobytes()
-    for wrong in ({"length": 0.0}, {"headings": [0.0, 1.0]}, {"headings": [0.0, float("nan"), 1.0, 1.0]}):
-        with pytest.raises(ValueError):
-            guide_from_dict({**curve.to_dict(), **wrong})
 
 
 # Trips over curved guides: the same as those over straight ones, against differences and quadrature.

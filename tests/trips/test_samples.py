@@ -126,7 +126,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "trip.csv").write_bytes(b"t,x,y\n\xff")
     said = {
         "txt": "must end in one of .csv, .npz, .json",
-        "json": "not a JSON file",
+        "json": "must be JSON",
         "npz": "not a file of arrays",
         "csv": "UTF-8",
     }

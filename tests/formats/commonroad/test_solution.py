@@ -400,7 +400,7 @@ def test_a_plan_for_a_model_passes_its_own_check(road_file: Path, tmp_path: Path
     refused = run("check", road_file, file)
     assert refused.exit_code == 2 and "model KST needs one of TRUCK" in " ".join(refused.output.split())
     file.write_text(file.read_text().replace('"discs": 5', '"discs": "many"'))
-    with pytest.raises(sp.PlanError, match=r"commonroad.discs = 'many': expected an integer"):
+    with pytest.raises(sp.PlanError, match=r"commonroad.discs = 'many': must be a whole number"):
         sp.Plan.load(file)
 
 
