@@ -17,9 +17,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from scp_planner.errors import Fault, FaultyInputError, ScenarioError, below
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 YAML_SUFFIXES = (".yaml", ".yml")
 MOST_ENTRIES = 200_000
@@ -117,6 +120,16 @@ def read_json(path: str | PathLike[str], refused: type[FaultyInputError]) -> Any
     if faults:
         raise refused(str(path), faults)
     return data
+
+
+def read_xml(path: str | PathLike[str], refused: type[FaultyInputError]) -> Element:
+    """Read an XML file of CommonRoad; raise an error of a class where it is not XML."""
+    from xml.etree import ElementTree
+
+    try:
+        return ElementTree.fromstring(read_bytes(path))
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # also encodings that there are not
+        raise refused(str(path), [Fault("", Path(path).name, f"not a CommonRoad file: {error}")]) from None
 
 
 def write(path: str | PathLike[str], data: dict[str, Any]) -> None:

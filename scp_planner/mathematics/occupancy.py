@@ -128,8 +128,12 @@ class OccupancyMap:
     def distance(self, point: Point, within: float) -> float:
         """Distance of a point from the nearest occupied cell, m; inf if that is not within a distance, m."""
         place, reach = self.local(point), within / self.resolution
-        low = np.floor(place - reach).astype(np.intp)
-        rows, columns = np.nonzero(self.window(low, np.floor(place + reach).astype(np.intp)))
+        # Of what lies beyond the grid, the cells along its border are the nearest, but for those that hold the point.
+        ends = np.array([place, place - reach, place + reach]).clip(-1, self.occupied.shape[::-1])
+        cell, low, high = np.floor(ends).astype(np.intp)
+        if self.at(cell):
+            return 0.0
+        rows, columns = np.nonzero(self.window(low, high))
         away = np.stack([columns + low[0], rows + low[1]], axis=1) - place
         outside = np.maximum(np.maximum(away, -1.0 - away), 0.0)  # of the square from the corner on
         return self.resolution * float(np.hypot(*outside.T).min(initial=np.inf))

@@ -22,8 +22,8 @@ from scp_planner.units import Point
 MODES = ("trinary", "scale", "raw")
 UNKNOWN = ("occupied", "free")
 GEOJSON = (".geojson", ".json")
-MOST_CELLS = 2**26
-"""Largest number of cells of a picture times its colours."""
+LARGEST_PICTURE = 2**26
+"""Bytes of the values of a picture at most."""
 
 
 def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyMap:
@@ -139,10 +139,10 @@ def _pgm(raw: bytes) -> tuple[np.ndarray, int]:
     if not (width > 0 and height > 0 and 0 < largest < 65536):
         text = f"must have a width, a height and a largest value below 65536, not {[width, height, largest]}"
         raise ValueError(text)
-    _check_cells(width, height, 1)
-    kind = np.dtype(np.uint8 if largest < 256 else ">u2")
+    kind, plain = np.dtype(np.uint8 if largest < 256 else ">u2"), raw[:2] == b"P2"
+    _check_size(width, height, _PLAIN.itemsize if plain else kind.itemsize)
     values: np.ndarray
-    if raw[:2] == b"P2":
+    if plain:
         values = _plain_values(raw[place:])
     else:
         count = min(width * height, max(len(raw) - place - 1, 0) // kind.itemsize)
@@ -171,6 +171,8 @@ def _pgm_header(raw: bytes) -> tuple[list[int], int]:
 
 
 _DIGITS = 9
+_PLAIN = np.dtype(np.int32)
+"""Kind of the numbers of a P2 picture."""
 
 
 def _plain_values(text: bytes) -> np.ndarray:
@@ -178,13 +180,14 @@ def _plain_values(text: bytes) -> np.ndarray:
     wrong = re.search(rb"[^\d\s]|\d{%d}" % (_DIGITS + 1), text)
     if wrong:
         raise ValueError(f"must have whole numbers of at most {_DIGITS} digits, not {wrong[0].decode('latin-1')!r}")
-    return np.fromstring(text.decode("ascii"), dtype=np.int64, sep=" ")
+    return np.fromstring(text.decode("ascii"), dtype=_PLAIN, sep=" ")
 
 
-def _check_cells(width: int, height: int, channels: int) -> None:
-    """Refuse a picture that is too large to hold, by its header."""
-    if width * height * channels > MOST_CELLS:
-        raise ValueError(f"must have at most {MOST_CELLS:,} cells and colours, not {width} x {height} x {channels}")
+def _check_size(width: int, height: int, each: int) -> None:
+    """Refuse a picture that is too large to hold, by its header and the bytes of a cell."""
+    if width * height * each > LARGEST_PICTURE:
+        text = f"must take at most {LARGEST_PICTURE:,} bytes"
+        raise ValueError(f"{text}, not {width} x {height} cells of {each}")
 
 
 def _png(raw: bytes) -> tuple[np.ndarray, int]:
@@ -193,9 +196,10 @@ def _png(raw: bytes) -> tuple[np.ndarray, int]:
     channels = {0: 1, 2: 3, 4: 2, 6: 4}.get(colour)  # grey, red to blue, both with transparency
     if depth not in (8, 16) or channels is None or interlaced:
         raise ValueError("must be a PNG picture of 8 or 16 bits, grey or in colours without a palette, not interlaced")
-    _check_cells(width, height, channels)
-    lines = _inflated(packed, height * (1 + width * channels * depth // 8)).reshape(height, -1)
-    values = _unfiltered(lines[:, 0], lines[:, 1:].copy(), channels * depth // 8)
+    pixel = channels * depth // 8
+    _check_size(width, height, pixel)
+    lines = _inflated(packed, height * (1 + width * pixel)).reshape(height, -1)
+    values = _unfiltered(lines[:, 0], lines[:, 1:].copy(), pixel)
     if depth == 16:
         values = values.view(">u2")
     values = values.reshape(height, width, channels)

@@ -304,12 +304,7 @@ def _read(path: Path) -> list[Track]:
 
 def _read_commonroad(path: Path) -> list[Track]:
     """Read the trajectories of a scenario of CommonRoad: exact times in steps, and points."""
-    from xml.etree import ElementTree
-
-    try:
-        root = ElementTree.fromstring(files.read_bytes(path))
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # also encodings that there are not
-        raise TracksError(str(path), [Fault("", path.name, f"must be XML ({error})")]) from None
+    root = files.read_xml(path, TracksError)
     step = _number(root.get("timeStepSize"))
     if step is None or step <= 0.0:
         raise TracksError(str(path), [Fault("timeStepSize", root.get("timeStepSize"), "must be a positive number")])

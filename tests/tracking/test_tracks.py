@@ -143,7 +143,7 @@ class TestFiles:
     @pytest.mark.parametrize(
         ("text", "fault"),
         [
-            ("<commonRoad", "must be XML"),
+            ("<commonRoad", "not a CommonRoad file"),
             ("<commonRoad/>", "timeStepSize = null: must be a positive number"),
             ("<commonRoad timeStepSize='0.1'/>", "must hold obstacles with trajectories"),
             (

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,8 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, ScpPlannerError
-from scp_planner.files import LARGEST_COORDINATE, read_bytes
+from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, TooLargeError, below
+from scp_planner.files import LARGEST_COORDINATE, read_xml
 from scp_planner.formats.commonroad import lines, roads
 from scp_planner.formats.commonroad.cars import PLANNED, VehicleModel, car_named, centre_of, swerving, vehicle_of
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
@@ -164,7 +166,7 @@ def scenario_of(
     named = None if model is None else VehicleModel.named(model)
     if named is not None:
         car_named(car, named)  # raises what is not of the file
-    with _refusing(file.name):
+    with _naming(file.name):
         return _made(file, vehicle, guide, named, car, aim, borders, discs)
 
 
@@ -223,15 +225,16 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
     except ImportError as error:
         raise ImportError("CommonRoad files need commonroad-io: pip install 'scp-planner[commonroad]'") from error
 
-    faults = list(_number_faults(read_bytes(name), name))
+    faults = list(islice(_faults(read_xml(name, ScenarioError)), MOST_FAULTS))
     if faults:
-        raise ScenarioError(name, faults[:MOST_FAULTS])
+        raise ScenarioError(name, faults)
     reader_log = logging.getLogger("commonroad")
     level = reader_log.level
     reader_log.setLevel(logging.ERROR)  # it warns of old formats, which it reads all the same
     try:
-        with _refusing(name):
-            world, problems = CommonRoadFileReader(name).open()
+        world, problems = CommonRoadFileReader(name).open()
+    except _UNFIT as error:
+        raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
     finally:
         reader_log.setLevel(level)
     chosen = problems.planning_problem_dict
@@ -251,37 +254,70 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
 
 
 @contextmanager
-def _refusing(name: str) -> Iterator[None]:
-    """Raise a ScenarioError for whatever commonroad-io and shapely raise of the contents of a file."""
+def _naming(name: str) -> Iterator[None]:
+    """Raise a ScenarioError of a file for what it holds that no scenario can be made of."""
+    from shapely.errors import ShapelyError
+
     try:
         yield
     except FaultyInputError as error:
         raise ScenarioError(name, error.faults) from None
-    except ScpPlannerError:
-        raise
-    except Exception as error:  # of many kinds: of parsers, assertions and geometry, some only when it is asked for
-        raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
+    except (TooLargeError, ShapelyError) as error:
+        raise ScenarioError(name, [Fault("", MISSING, f"cannot be planned with: {error}")]) from error
 
+
+_UNFIT = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
+"""Errors of commonroad-io for elements that are missing or do not fit together."""
 
 MOST_FAULTS = 20
-"""Faults of numbers that are listed."""
+"""Faults of elements that are listed."""
 
 _NUMBERS = frozenset(("x", "y", "exact", "intervalStart", "intervalEnd", "length", "width", "radius", "orientation"))
+_STATES = frozenset(("initialState", "state", "goalState", "occupancy"))
+_POINTS = ("point", "center")
+_VALUES, _PLACES = ("exact", "intervalStart and intervalEnd"), ("point", "rectangle", "circle", "polygon", "lanelet")
 
 
-def _number_faults(raw: bytes, name: str) -> Iterator[Fault]:
-    """Yield the numbers of a file that are none, or too large, with the names of the elements that hold them."""
-    with _refusing(name):
-        root = ElementTree.fromstring(raw)
+def _faults(root: ElementTree.Element) -> Iterator[Fault]:
+    """Yield the faults of all elements, with the names of those that hold them."""
     level = [("", root)]
     while level:
         place, element = level.pop()
-        if len(element) == 0 and element.tag in _NUMBERS and not _is_coordinate(element.text):
-            text = f"must be a number of at most {LARGEST_COORDINATE:g} in size"
-            yield Fault(place, MISSING if element.text is None else element.text, text)
+        yield from _element_faults(place, element)
         for child in element:
             of_id = f"[{child.get('id')}]" if child.get("id") else ""
-            level.append((f"{place}.{child.tag}{of_id}".lstrip("."), child))
+            level.append((below(place, f"{child.tag}{of_id}"), child))
+
+
+def _element_faults(place: str, element: ElementTree.Element) -> Iterator[Fault]:
+    """Yield numbers that are none, or too large, empty intervals, points without coordinates, and odd lanes."""
+    texts = {child.tag: child.text for child in element}
+    if not texts and element.tag in _NUMBERS and not _is_coordinate(element.text):
+        text = f"must be a number of at most {LARGEST_COORDINATE:g} in size"
+        yield Fault(place, MISSING if element.text is None else element.text, text)
+    ends = [texts.get(key) for key in ("intervalStart", "intervalEnd")]
+    if all(map(_is_coordinate, ends)) and float(str(ends[0])) > float(str(ends[1])):
+        yield Fault(place, ends, "must not end before it begins")
+    if element.tag in _POINTS and not {"x", "y"} <= texts.keys():
+        yield Fault(place, list(texts), "must have x and y")
+    if element.tag == "lanelet" and element.get("ref") is None:
+        bounds = [element.find(f"{side}Bound") for side in ("left", "right")]
+        counts = [0 if bound is None else len(bound.findall("point")) for bound in bounds]
+        if counts[0] != counts[1] or counts[0] < 2:
+            yield Fault(place, counts, "must have as many points, two or more, to the left as to the right")
+    if element.tag in _STATES:
+        yield from _state_faults(place, element)
+
+
+def _state_faults(place: str, state: ElementTree.Element) -> Iterator[Fault]:
+    """Yield quantities of a state without a value, and times that are no steps."""
+    for child in state:
+        wanted, texts = _PLACES if child.tag == "position" else _VALUES, {part.tag: part.text for part in child}
+        if child.tag != "shape" and not any(texts.keys() >= set(keys.split(" and ")) for keys in wanted):
+            yield Fault(below(place, child.tag), MISSING, f"must have one of {', '.join(wanted)}")
+        for key, text in texts.items() if child.tag == "time" else ():
+            if not re.fullmatch(r"\s*[-+]?\d+\s*", text or ""):
+                yield Fault(below(place, f"time.{key}"), text, "must be a whole number of steps")
 
 
 def _is_coordinate(text: str | None) -> bool:
@@ -369,7 +405,7 @@ class _Reader:
             at = max(places, key=lambda place: place.intersection(last).area).representative_point()
             line = np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
             blend = max(READING.blend * speed, 2.0 * roads.ROADS.guide_step)
-            return lines.led_through(line, places, blend) if len(line) > 1 else line
+            return lines.led_through(line, places, blend) if len(line) > 1 else _straight_to(start, places[0])
         way = self._timed_way()
         route = roads.route_ahead(network, start, heading, READING.beyond * way)
         line = np.zeros((0, 2)) if route is None else route.line(start)

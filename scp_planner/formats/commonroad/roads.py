@@ -22,7 +22,7 @@ Point = tuple[float, float]
 class RoadParameters:
     # m of the file, between points of the guide, which would else show the kinks of the centre lines
     guide_step: float = 3.0
-    most_points: int = 100_000  # Of the guide along one lane
+    most_points: int = 30_000  # Of a line in equal steps
     change_cost: float = 30.0  # m of the file: of way that a change of lanes is worth
     change_margin: float = 0.2  # Part of a lane, before and after a change, in which the guide keeps to it
     wrong_way: float = 0.5 * math.pi  # rad; a lane that leads elsewhere by more than this is not where the vehicle is
@@ -152,10 +152,7 @@ def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
         low = first + share * (k + (ROADS.change_margin if k else 0.0))
         high = first + share * (k + 1.0 - (ROADS.change_margin if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
-        count = max(2, math.ceil((high - low) * stations[-1] / ROADS.guide_step) + 1)
-        if count > ROADS.most_points:
-            text = f"must be at most {ROADS.most_points * ROADS.guide_step:g} m long"
-            raise TooLargeError(f"lanelet {lane.lanelet_id}: {text}; it is {stations[-1]:g} m")
+        count = max(2, _steps((high - low) * stations[-1], ROADS.guide_step) + 1)
         points += list(points_at(np.linspace(low, high, count) * stations[-1], stations, line))
     return points
 
@@ -177,10 +174,17 @@ def _length(lane: Any) -> float:
     return float(_measured(lane)[1][-1])
 
 
+def _steps(length: float, step: float) -> int:
+    """Number of steps in a length, m; TooLargeError where there are too many of them."""
+    if length > ROADS.most_points * step:
+        raise TooLargeError(f"a way along lanes must be at most {ROADS.most_points * step:g} m long, not {length:g} m")
+    return math.ceil(length / step)
+
+
 def spaced(points: Array, step: float) -> Array:
     """Return points at equal distances, about so large, along a polyline (k, 2), ends included, m."""
     stations = lengths_along(points)
-    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1)
+    wanted = np.linspace(0.0, stations[-1], max(2, _steps(stations[-1], step)) + 1)
     placed = points_at(wanted, stations, points)
     placed[0], placed[-1] = points[0], points[-1]
     return placed

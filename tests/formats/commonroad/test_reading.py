@@ -191,6 +191,17 @@ def test_command_plans_a_file(recorded_data: Path, tmp_path: Path) -> None:
         ("<length>4.0", "<length>x", "dynamicObstacle[2].shape.rectangle.length = 'x': must be a number"),
         ("<x>-20.0</x>", "<x>20.0</x>", "start.position = [0.0, 0.0]: must be at least"),
         ("</trajectory>", "", "not a CommonRoad file"),
+        (
+            "<time><exact>0</exact>",
+            "<time><exact>0.5</exact>",
+            "initialState.time.exact = '0.5': must be a whole number",
+        ),
+        ("<intervalStart>20", "<intervalStart>99", "goalState.time = ['99', '40']: must not end before it begins"),
+        ("<intervalEnd>40</intervalEnd>", "", "goalState.time: must have one of exact, intervalStart and intervalEnd"),
+        ("<center><x>24.0</x>", "<center>", "goalState.position.rectangle.center = ['y']: must have x and y"),
+        ("<leftBound><point><x>-20.0</x><y>2.0</y></point>", "<leftBound>", "lanelet[1] = [3, 4]: must have as many"),
+        ("<x>100.0</x>", "<x>100000000.0</x>", "a way along lanes must be at most"),
+        ("<x>24.0</x>", "<x>24000000000.0</x>", "a way along lanes must be at most"),
     ],
 )
 def test_faults_are_named_by_their_elements(was: str, put: str, told: str, tmp_path: Path) -> None:
@@ -201,3 +212,9 @@ def test_faults_are_named_by_their_elements(was: str, put: str, told: str, tmp_p
     with pytest.raises(sp.ScenarioError) as caught:
         load_commonroad(file)
     assert told in str(caught.value) and str(file) in str(caught.value)
+
+
+def test_a_lane_that_ends_before_the_vehicle_is_no_guide(tmp_path: Path) -> None:
+    file = tmp_path / "road.xml"
+    file.write_text(ROAD.replace("<rightBound><point><x>-20.0", "<rightBound><point><x>-20000000.0"))
+    assert load_commonroad(file).guide is not None
