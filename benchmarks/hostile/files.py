@@ -1,7 +1,8 @@
-"""Damage one good file of each kind at random, and report what is raised besides the documented errors.
+"""Damage one good file of each kind at random, and report what is raised besides the documented error of its reader.
 
 ``python -m benchmarks.hostile.files --count 5000`` damages bytes and, in files of JSON, values, types, lengths, nesting
-and keys. A file that is accepted is used: a map is planned on, a plan is certified, a run is reported.
+and keys. A file is refused by an OSError or the error of its reader, which names the file. A file that is accepted is
+used: a map is planned on, a plan is certified, a run is reported. None may take much time or memory.
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ import argparse
 import io
 import json
 import re
+import resource
 import tempfile
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -24,14 +29,23 @@ import scp_planner as sp
 from benchmarks import common
 from benchmarks.hostile.damage import cut, damaged
 from benchmarks.hostile.roads import ROAD
-from scp_planner.errors import ScpPlannerError
+from scp_planner.errors import FaultyInputError, ScpPlannerError, TracksError
 from scp_planner.formats.commonroad import load_commonroad
+from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.tracking.tracks import Tracks
 
 Rng = np.random.Generator
 NAME = "file"
 PLAN_TIME = 0.1
 """s that a plan over a damaged map may take."""
+MOST_TIME = 10.0
+"""s of the processor that a file may take, with its use."""
+MOST_MEMORY = 500 * 2**10
+"""KiB that a file may take, with its use."""
+MAP = (
+    b"image: cells.pgm\nresolution: 0.1\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nmode: trinary\n"
+    b"occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+)
 SPECIAL = (
     b"",
     b"\n",
@@ -50,6 +64,9 @@ VALUES: tuple[Any, ...] = ("\ud800", [[[[]]]], 10**30, "\u0000", {"": {"": {}}},
 
 NUMBERED = (".yaml", ".csv", ".xml")
 """Suffixes of files of text whose numbers are replaced."""
+FACTORS = (-1.0, 0.0, 0.5, 1.0 + 1e-9, 1.01, 2.0, 1e-6, 1e3, 1e6, 1e8)
+"""By which one number of a text is multiplied."""
+_NUMBER = re.compile(rb"(?<![\w.+-])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
 NUMBERS = (
     b"0",
     b"-1",
@@ -71,11 +88,13 @@ NUMBERS = (
 
 @dataclass(frozen=True)
 class FileKind:
-    """A kind of file: its suffix, a good one, and what reads and uses it."""
+    """A kind of file: its suffix, a good one, what reads it, the error of that, and what uses what was read."""
 
     suffix: str
     good: Callable[[Path], bytes]
-    use: Callable[[Path], None]
+    load: Callable[[Path], Any]
+    error: type[FaultyInputError]
+    use: Callable[[Any, Path], object] = lambda _loaded, _file: None
     text: bool = False
     """JSON, or lines of JSON, whose values are damaged too."""
 
@@ -150,6 +169,10 @@ def _write_tracks(_: Path) -> bytes:
     return "\n".join(["id,time,x,y", *rows, ""]).encode()
 
 
+def _write_scenario(_: Path) -> bytes:
+    return json.dumps(_scenario().to_dict()).encode()
+
+
 def _write_samples(_: Path) -> bytes:
     rows = [f"{0.1 * k:.1f},{0.5 + 0.15 * k:.3f},0.5,0.0,1.5" for k in range(31)]
     return "\n".join(["t,x,y,heading,speed", *rows, ""]).encode()
@@ -161,51 +184,52 @@ def _write_arrays(file: Path) -> bytes:
     return file.read_bytes()
 
 
-def _use_plan(file: Path) -> None:
-    plan = sp.Plan.load(file)
+def _use_plan(plan: sp.Plan, file: Path) -> None:
     sp.certify(_scenario(), plan)
     plan.save(file.with_name("again.json"))
     sp.Plan.load(file.with_name("again.json"))
     plan.export(file.with_name("plan.csv"))
 
 
-def _use_run(file: Path) -> None:
-    run = sp.Run.load(file)
+def _use_run(run: sp.Run, file: Path) -> None:
     _ = repr(run), run.outcomes, run.wall_times, run.table(), run.recording()
     run.save(file.with_name("again.json"))
     if sp.Run.load(file.with_name("again.json")) != run:
         raise AssertionError("what is saved is not what is loaded")
 
 
-def _use_map(file: Path) -> None:
-    sp.load_map(file)
-    data = _scenario().to_dict() | {"ground": {"map": file.name}}
-    _use_scenario(file, data)
-
-
-def _use_scenario(file: Path, data: dict[str, Any]) -> None:
-    scene = file.with_name("scene.json")
-    scene.write_text(json.dumps(data))
-    sp.plan(sp.Scenario.load(scene), time_limit=PLAN_TIME)
-
-
-def _use_picture(file: Path) -> None:
+def _load_picture(file: Path) -> OccupancyMap:
     described = file.with_name("map.yaml")
     described.write_text(f"image: {file.name}\nresolution: 0.1\norigin: [0, 0, 0]\n")
-    _use_map(described)
+    return sp.load_map(described)
 
 
-def _use_map_file(file: Path) -> None:
+def _load_map(file: Path) -> OccupancyMap:
     file.with_name("cells.pgm").write_bytes(_write_pgm(file))
-    _use_map(file)
+    return sp.load_map(file)
 
 
-def _use_geojson(file: Path) -> None:
-    _use_scenario(file, _scenario().to_dict() | {"ground": {"map": file.name}})
+def _use_map(ground: OccupancyMap, file: Path) -> None:
+    sp.plan(sp.Scenario(**_scenario().to_dict() | {"ground": {"map": ground}}), time_limit=PLAN_TIME)
+    sp.save_map(ground, file.with_name("again.yaml"))
+    if not np.array_equal(sp.load_map(file.with_name("again.yaml")).occupied, ground.occupied):
+        raise AssertionError("what is saved is not what is loaded")
 
 
-def _use_tracks(file: Path) -> None:
-    tracks = Tracks.load(file)
+def _load_geojson(file: Path) -> sp.Scenario:
+    scene = file.with_name("scene.json")
+    scene.write_text(json.dumps(_scenario().to_dict() | {"ground": {"map": file.name}}))
+    return sp.Scenario.load(scene)
+
+
+def _use_scenario(scenario: sp.Scenario, file: Path) -> None:
+    scenario.save(file.with_name("again.yaml"))
+    if sp.Scenario.load(file.with_name("again.yaml")) != scenario:
+        raise AssertionError("what is saved is not what is loaded")
+    sp.plan(scenario, time_limit=PLAN_TIME)
+
+
+def _use_tracks(tracks: Tracks, file: Path) -> None:
     tracks.save(file.with_name("again.csv"))
     Tracks.load(file.with_name("again.csv"))
     ends: dict[str, Any] = {
@@ -215,39 +239,24 @@ def _use_tracks(file: Path) -> None:
     tracks.scenario_at(tracks.stop, vehicle=_scenario().vehicle, **ends)
 
 
-def _use_samples(file: Path) -> None:
-    sp.certify(_scenario(), sp.SampledTrajectory.load(file))
-
-
-def _use_road(file: Path) -> None:
-    load_commonroad(file)
-
-
-def _use_scenario_file(file: Path) -> None:
-    sp.Scenario.load(file).save(file.with_name("again.yaml"))
+def _use_samples(samples: sp.SampledTrajectory, _: Path) -> None:
+    sp.certify(_scenario(), samples)
 
 
 KINDS = {
-    "plan": FileKind(".json", _write_plan, _use_plan, text=True),
-    "run": FileKind(".json", _write_run, _use_run, text=True),
-    "recording": FileKind(".jsonl", _write_recording, _use_run, text=True),
-    "map": FileKind(
-        ".yaml",
-        lambda _: (
-            b"image: cells.pgm\nresolution: 0.1\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nmode: trinary\n"
-            b"occupied_thresh: 0.65\nfree_thresh: 0.25\n"
-        ),
-        _use_map_file,
-    ),
-    "pgm": FileKind(".pgm", _write_pgm, _use_picture),
-    "plain pgm": FileKind(".pgm", _write_plain_pgm, _use_picture),
-    "png": FileKind(".png", _write_png, _use_picture),
-    "geojson": FileKind(".geojson", _write_geojson, _use_geojson, text=True),
-    "tracks": FileKind(".csv", _write_tracks, _use_tracks),
-    "samples": FileKind(".csv", _write_samples, _use_samples),
-    "arrays": FileKind(".npz", _write_arrays, _use_samples),
-    "scenario": FileKind(".json", lambda _: json.dumps(_scenario().to_dict()).encode(), _use_scenario_file, text=True),
-    "commonroad": FileKind(".xml", lambda _: ROAD.encode(), _use_road),
+    "plan": FileKind(".json", _write_plan, sp.Plan.load, sp.PlanError, _use_plan, text=True),
+    "run": FileKind(".json", _write_run, sp.Run.load, sp.PlanError, _use_run, text=True),
+    "recording": FileKind(".jsonl", _write_recording, sp.Run.load, sp.PlanError, _use_run, text=True),
+    "map": FileKind(".yaml", lambda _: MAP, _load_map, sp.ScenarioError, _use_map),
+    "pgm": FileKind(".pgm", _write_pgm, _load_picture, sp.ScenarioError, _use_map),
+    "plain pgm": FileKind(".pgm", _write_plain_pgm, _load_picture, sp.ScenarioError, _use_map),
+    "png": FileKind(".png", _write_png, _load_picture, sp.ScenarioError, _use_map),
+    "geojson": FileKind(".geojson", _write_geojson, _load_geojson, sp.ScenarioError, _use_scenario, text=True),
+    "tracks": FileKind(".csv", _write_tracks, Tracks.load, TracksError, _use_tracks),
+    "samples": FileKind(".csv", _write_samples, sp.SampledTrajectory.load, sp.SamplesError, _use_samples),
+    "arrays": FileKind(".npz", _write_arrays, sp.SampledTrajectory.load, sp.SamplesError, _use_samples),
+    "scenario": FileKind(".json", _write_scenario, sp.Scenario.load, sp.ScenarioError, _use_scenario, text=True),
+    "commonroad": FileKind(".xml", lambda _: ROAD.encode(), load_commonroad, sp.ScenarioError),
 }
 
 
@@ -255,7 +264,12 @@ def damage(good: bytes, kind: FileKind, rng: Rng) -> bytes:
     """Give the contents of a file with some damage."""
     if rng.random() < 0.02:
         return SPECIAL[int(rng.integers(len(SPECIAL)))]
-    if kind.suffix in NUMBERED and rng.random() < 0.6:
+    numbered = kind.text or kind.suffix in NUMBERED
+    if numbered and rng.random() < 0.25:
+        return _scaled(good, rng)
+    if kind.suffix == ".xml" and rng.random() < 0.4:
+        return _elements_changed(good, rng)
+    if numbered and not kind.text and rng.random() < 0.5:
         return _numbers_changed(good, rng)
     if not kind.text or rng.random() < 0.3:
         return cut(good, rng)
@@ -273,12 +287,49 @@ def damage(good: bytes, kind: FileKind, rng: Rng) -> bytes:
 def _numbers_changed(good: bytes, rng: Rng) -> bytes:
     """Replace up to three numbers of a text."""
     for _ in range(int(rng.integers(1, 4))):
-        places = list(re.finditer(rb"(?<![\w.])-?\d+(?:\.\d+)?(?![\w.])", good))
-        if not places:
-            break
-        one = places[int(rng.integers(len(places)))]
-        good = good[: one.start()] + NUMBERS[int(rng.integers(len(NUMBERS)))] + good[one.end() :]
+        good = _replaced(good, lambda _: NUMBERS[int(rng.integers(len(NUMBERS)))], rng)
     return good
+
+
+def _elements_changed(good: bytes, rng: Rng) -> bytes:
+    """Take away, double, rename, move or empty up to three elements of an XML file."""
+    root = ElementTree.fromstring(good)
+    for _ in range(int(rng.integers(1, 4))):
+        parents = [each for each in root.iter() if len(each)]
+        parent = parents[int(rng.integers(len(parents)))]
+        child = parent[int(rng.integers(len(parent)))]
+        match int(rng.integers(0, 6)):
+            case 0:
+                parent.remove(child)
+            case 1:
+                parent.append(deepcopy(child))
+            case 2:
+                child.tag = parents[int(rng.integers(len(parents)))].tag
+            case 3:
+                parents[int(rng.integers(len(parents)))].append(deepcopy(child))
+            case 4:
+                child.clear()
+            case _:
+                child.attrib.update(dict.fromkeys(child.attrib, NUMBERS[int(rng.integers(len(NUMBERS)))].decode()))
+        if not len(root):
+            break
+    return ElementTree.tostring(root)
+
+
+def _scaled(good: bytes, rng: Rng) -> bytes:
+    """Multiply one number of a text."""
+    factor = FACTORS[int(rng.integers(len(FACTORS)))]
+    return _replaced(good, lambda found: repr(type(found)(found * factor)).encode(), rng)
+
+
+def _replaced(good: bytes, new: Callable[[float], bytes], rng: Rng) -> bytes:
+    """Replace one number of a text, if there is any."""
+    places = list(_NUMBER.finditer(good))
+    if not places:
+        return good
+    one = places[int(rng.integers(len(places)))]
+    found: float = json.loads(one[0]) if re.fullmatch(rb"-?(0|[1-9].*|0\..*)", one[0]) else float(one[0])
+    return good[: one.start()] + new(found) + good[one.end() :]
 
 
 def hunt(name: str, count: int, seed: int = 0) -> Iterator[tuple[int, str, str]]:
@@ -288,17 +339,38 @@ def hunt(name: str, count: int, seed: int = 0) -> Iterator[tuple[int, str, str]]
         file = Path(folder) / f"{NAME}{kind.suffix}"
         good = kind.good(file)
         file.write_bytes(good)
-        kind.use(file)
+        kind.use(kind.load(file), file)
         for number in range(seed, seed + count):
             file.write_bytes(damage(good, kind, np.random.default_rng([number, list(KINDS).index(name)])))
-            try:
-                kind.use(file)
-                yield number, "used", ""
-            except (ScpPlannerError, OSError) as error:
-                str(error).encode("utf-8", "backslashreplace")
-                yield number, "refused", ""
-            except Exception:
-                yield number, "found", traceback.format_exc()
+            before, began = _peak(), time.process_time()
+            result, detail = _result(kind, file)
+            taken, grown = time.process_time() - began, _peak() - before
+            if taken > MOST_TIME or grown > MOST_MEMORY:
+                result, detail = "found", f"{result} with {taken:.1f} s and {grown / 2**10:.0f} MiB more\n{detail}"
+            yield number, result, detail
+
+
+def _result(kind: FileKind, file: Path) -> tuple[str, str]:
+    """Give the result of a damaged file and, of what is found, the traceback."""
+    try:
+        loaded = kind.load(file)
+    except (kind.error, OSError) as error:
+        text = str(error).encode("utf-8", "backslashreplace").decode()
+        return ("refused", "") if str(file.parent) in text else ("found", f"without the name of the file: {text}")
+    except Exception:
+        return "found", traceback.format_exc()
+    try:
+        kind.use(loaded, file)
+    except ScpPlannerError as error:
+        str(error).encode("utf-8", "backslashreplace")
+    except Exception:
+        return "found", traceback.format_exc()
+    return "used", ""
+
+
+def _peak() -> int:
+    """Return the most memory that the process has taken so far, KiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def main(argv: Sequence[str] | None = None) -> int:
