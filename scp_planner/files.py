@@ -19,7 +19,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from scp_planner.errors import Fault, FaultyInputError, ScenarioError, below
+from scp_planner.errors import MISSING, Fault, FaultyInputError, ScenarioError, below
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -129,7 +129,7 @@ def read_xml(path: str | PathLike[str], refused: type[FaultyInputError]) -> Elem
     try:
         return ElementTree.fromstring(read_bytes(path))
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # also encodings that there are not
-        raise refused(str(path), [Fault("", Path(path).name, f"not a CommonRoad file: {error}")]) from None
+        raise refused(str(path), [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from None
 
 
 def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
@@ -159,8 +159,13 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 def write_rows(path: str | PathLike[str], kind: type, rows: Iterable[Any], without: Sequence[str] = ()) -> None:
     """Write dataclasses of a kind, without some of its fields, as CSV, whole or not at all; floats keep every bit."""
     columns = [field.name for field in fields(kind) if field.name not in without]
+    write_csv(path, [columns, *([getattr(row, c) for c in columns] for row in rows)])
+
+
+def write_csv(path: str | PathLike[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows as CSV, whole or not at all; floats keep every bit."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([columns, *([getattr(row, c) for c in columns] for row in rows)])
+    csv.writer(text, lineterminator="\n").writerows(rows)
     write_text(path, text.getvalue())
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
-from io import StringIO
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.files import check_suffix, replacing, write_text
+from scp_planner.files import check_suffix, replacing, write_csv
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -137,11 +135,7 @@ def save_table(table: Mapping[str, NDArray[Any]], path: str | PathLike[str]) -> 
         If the suffix is another one.
     """
     if check_suffix(path, TABLE_SUFFIXES) == ".csv":
-        text = StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-        write_text(path, text.getvalue())
+        write_csv(path, [list(table), *zip(*(column.tolist() for column in table.values()), strict=True)])
     else:
         columns: Any = dict(table)
         with replacing(path) as temporary:

@@ -19,11 +19,11 @@ from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import PlanError
 from scp_planner.files import read_json, write_text
+from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import legs_written, trip_written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -274,7 +274,7 @@ class Plan:
             "iterations": self.iterations,
             "wall_time": self.wall_time,
             **({} if self.commonroad is None else {"commonroad": self.commonroad}),
-            **(trip_written(self.trip) if self.legs is None else legs_written(self.legs)),
+            **(_trip_written(self.trip) if self.legs is None else _legs_written(self.legs)),
             "clearance": self.clearance.to_dict(),
             "limits": {name: asdict(use) for name, use in self.limits.items()},
             "samples": self.samples(samples),
@@ -465,3 +465,39 @@ def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
         limits=found.limits,
         planned=scenario,
     )
+
+
+def _trip_written(trip: Trip) -> dict[str, Any]:
+    """Return the path and the acceleration of a trip for a plan file."""
+    trajectory, frame = trip.trajectory, trip.frame
+    space = trajectory.space
+    path_degree, drive_degree = (spline.coefficients.shape[1] - 1 for spline in (space.path, space.acceleration))
+    return {
+        "path": {
+            "degree": path_degree,
+            "knots": (clamped_knots(path_degree, space.path.breakpoints) * space.length).tolist(),
+            "offsets": trajectory.theta.tolist(),
+            "guide": {"origin": list(frame.origin), "heading": frame.heading, **space.guide.to_dict()},
+        },
+        "acceleration": {
+            "degree": drive_degree,
+            "knots": clamped_knots(drive_degree, space.acceleration.breakpoints).tolist(),
+            "coefficients": trajectory.beta.tolist(),
+            "start_speed": space.start_speed,
+        },
+    }
+
+
+def _legs_written(legs: Legs) -> dict[str, Any]:
+    """Return legs for a plan file."""
+    each = [
+        {
+            "backward": leg.backward,
+            "start_time": leg.begin,
+            "travel_time": leg.trip.trajectory.travel_time,
+            **({} if leg.trip.trajectory.arrives else {"stops": True}),
+            **_trip_written(leg.trip),
+        }
+        for leg in legs.legs
+    ]
+    return {"legs": each, "first_heading": legs.first.heading, "last_heading": legs.last.heading}

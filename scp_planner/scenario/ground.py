@@ -8,22 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
-from pydantic_core import PydanticCustomError
 
 from scp_planner.errors import Fault, ScenarioError
 from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.scenario.map_files import GEOJSON, load_map, read_polygons
-from scp_planner.scenario.validation import Part, TakenAs, by_default
-
-
-def _wrong(message: str) -> PydanticCustomError:
-    return PydanticCustomError("ground", "{message}", {"message": message})
+from scp_planner.scenario.validation import Part, TakenAs, by_default, faults_of_named, wrong
 
 
 def _map(value: Any) -> OccupancyMap:
     if not isinstance(value, OccupancyMap):
-        raise _wrong("must be the name of a file, or an OccupancyMap")
+        raise wrong("must be the name of a file, or an OccupancyMap")
     return value
 
 
@@ -73,12 +68,12 @@ class Ground(Part):
         try:
             ground = load_map(name, unknown if unknown in ("occupied", "free") else "occupied")
         except OSError as error:
-            raise _wrong(
+            raise wrong(
                 f"map: {fspath(name)!r} must be the name of a file that can be read ({error.strerror})"
             ) from None
         wanted = data.get("sha256")
         if wanted is not None and wanted != ground.sha256:
-            raise _wrong(f"map: {fspath(name)!r} has changed: its cells are not those that the scenario was made for")
+            raise wrong(f"map: {fspath(name)!r} has changed: its cells are not those that the scenario was made for")
         return {**data, "map": ground, "sha256": ground.sha256}
 
 
@@ -96,10 +91,8 @@ def read_ground(data: Any, folder: Path) -> list[Fault]:
     try:
         rings = read_polygons(path)
         pieces = [piece.vertices for ring in rings for piece in convex_pieces(tuple(ring))]
-    except OSError as error:
-        return [Fault("ground.map", name, f"must be the name of a file that can be read ({error.strerror})")]
-    except ScenarioError as error:
-        return [Fault(f"ground.map ({name}){'.' if f.path else ''}{f.path}", f.value, f.message) for f in error.faults]
+    except (OSError, ScenarioError) as error:
+        return faults_of_named("ground.map", name, error)
     walls = data.get("walls") or []
     if not isinstance(walls, list):
         return []  # a fault of its own

@@ -8,22 +8,41 @@ import zlib
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from scp_planner import files
 from scp_planner.arrays import Mask
-from scp_planner.errors import MISSING, Fault, ScenarioError
+from scp_planner.errors import MISSING, Fault, ScenarioError, below
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.scenario.checks import polygon_faults
+from scp_planner.scenario.validation import Part, part_of_file
+from scp_planner.scenario.values import Number, Text
 from scp_planner.units import Point
 
-MODES = ("trinary", "scale", "raw")
 UNKNOWN = ("occupied", "free")
 GEOJSON = (".geojson", ".json")
 LARGEST_PICTURE = 2**26
 """Bytes of the values of a picture at most."""
+
+
+Share = Annotated[float, Field(strict=True, ge=0, le=1)]
+
+
+class MapKeys(Part):
+    """Keys of a map's file that are looked at."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    image: Text = Field(description="name of a PGM or PNG file")
+    resolution: Annotated[Number, Field(gt=0)] = Field(description="m")
+    origin: tuple[Number, Number, Number] = Field(description="[x, y, yaw], m and rad")
+    occupied_thresh: Share = 0.65
+    free_thresh: Share = 0.25
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+    negate: Literal[0, 1] = 0
 
 
 def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyMap:
@@ -53,20 +72,14 @@ def load_map(path: str | PathLike[str], unknown: str = "occupied") -> OccupancyM
     if unknown not in UNKNOWN:
         raise ValueError(f"unknown: {unknown!r} must be one of {', '.join(UNKNOWN)}")
     data, faults = files.read(path)
-    data = data or {}
-    faults = [*faults, *_faults_of(data)]
-    if faults:
-        raise ScenarioError(str(path), faults)
-    picture = Path(path).parent / data["image"]
+    keys = part_of_file(MapKeys, path, data, ScenarioError, faults=faults)
     try:
-        values, largest = read_picture(files.read_bytes(picture))
+        values, largest = read_picture(files.read_bytes(Path(path).parent / keys.image))
     except ValueError as error:
-        raise ScenarioError(str(path), [Fault("image", data["image"], str(error))]) from None
-    x, y, yaw = (float(value) for value in data["origin"])
-    occupied = _occupied(np.flipud(values), largest, data, unknown == "occupied")
-    return OccupancyMap(
-        occupied, float(data["resolution"]), (x, y), yaw, unknown == "occupied", str(Path(path).absolute())
-    )
+        raise ScenarioError(str(path), [Fault("image", keys.image, str(error))]) from None
+    x, y, yaw = keys.origin
+    occupied = _occupied(np.flipud(values), largest, keys, unknown == "occupied")
+    return OccupancyMap(occupied, keys.resolution, (x, y), yaw, unknown == "occupied", str(Path(path).absolute()))
 
 
 def save_map(ground: OccupancyMap, path: str | PathLike[str]) -> None:
@@ -87,36 +100,18 @@ def save_map(ground: OccupancyMap, path: str | PathLike[str]) -> None:
     files.write(path, {"image": picture.name, "resolution": ground.resolution, "origin": origin, **thresholds})
 
 
-def _faults_of(data: dict[str, Any]) -> Iterator[Fault]:
-    """Yield the faults of the keys of a map."""
-    if not isinstance(data.get("image"), str):
-        yield Fault("image", data.get("image", MISSING), "must be the name of a PGM or PNG file")
-    if not _is_number(data.get("resolution")) or not data["resolution"] > 0.0:
-        yield Fault("resolution", data.get("resolution", MISSING), "must be a positive number of m")
-    origin = data.get("origin", MISSING)
-    if not (isinstance(origin, list) and len(origin) == 3 and all(map(_is_number, origin))):
-        yield Fault("origin", origin, "must be [x, y, yaw], m and rad")
-    for key in ("occupied_thresh", "free_thresh"):
-        if key in data and not (_is_number(data[key]) and 0.0 <= data[key] <= 1.0):
-            yield Fault(key, data[key], "must be from 0 to 1")
-    if data.get("mode", MODES[0]) not in MODES:
-        yield Fault("mode", data["mode"], f"must be one of {', '.join(MODES)}")
-    if data.get("negate", 0) not in (0, 1):
-        yield Fault("negate", data["negate"], "must be 0 or 1")
-
-
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= files.LARGEST_COORDINATE
 
 
-def _occupied(values: np.ndarray, largest: int, data: dict[str, Any], unknown: bool) -> Mask:
+def _occupied(values: np.ndarray, largest: int, keys: MapKeys, unknown: bool) -> Mask:
     """Cells that are occupied, by the grey values of a picture from 0 to the largest."""
     steps = np.arange(largest + 1)
-    if data.get("mode") == "raw":  # percent; what is beyond 100 is unknown
+    if keys.mode == "raw":  # percent; what is beyond 100 is unknown
         chance = np.where(steps <= 100, steps / 100.0, np.nan)
     else:
-        chance = steps / largest if data.get("negate", 0) else (largest - steps) / largest
-    certain, free = chance > data.get("occupied_thresh", 0.65), chance < data.get("free_thresh", 0.25)
+        chance = steps / largest if keys.negate else (largest - steps) / largest
+    certain, free = chance > keys.occupied_thresh, chance < keys.free_thresh
     table = certain | (~free if unknown else np.zeros_like(free))
     found: Mask = table[values]
     return found
@@ -285,21 +280,20 @@ MOST_FAULTS = 20
 def _polygons(data: Any, place: str) -> Iterator[tuple[str, Any]]:
     """Yield the polygons of a GeoJSON object with their places, or a fault; a feature may have no geometry."""
     kind = data.get("type") if isinstance(data, dict) else None
-    below = f"{place}." if place else ""
     parts = {"FeatureCollection": "features", "GeometryCollection": "geometries", "MultiPolygon": "coordinates"}
     if kind == "Feature" and "geometry" in data:
         if data["geometry"] is not None:
-            yield from _polygons(data["geometry"], f"{below}geometry")
+            yield from _polygons(data["geometry"], below(place, "geometry"))
     elif kind == "Polygon":
-        yield f"{below}coordinates", data.get("coordinates", MISSING)
+        yield below(place, "coordinates"), data.get("coordinates", MISSING)
     elif isinstance(kind, str) and kind in parts:
         key = parts[kind]
         each = data.get(key, MISSING)
         if not isinstance(each, list):
-            yield place, Fault(f"{below}{key}", each, "must be a list")
+            yield place, Fault(below(place, key), each, "must be a list")
             return
         for number, one in enumerate(each):
-            within = f"{below}{key}[{number}]"
+            within = below(place, f"{key}[{number}]")
             yield from [(within, one)] if kind == "MultiPolygon" else _polygons(one, within)
     else:
         yield place, Fault(place, data, "must be GeoJSON that holds polygons alone")

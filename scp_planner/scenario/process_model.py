@@ -19,6 +19,7 @@ from scp_planner.scenario.validation import (
     Row,
     Rule,
     by_default,
+    faults_of_named,
     part_of_file,
     variant,
 )
@@ -141,12 +142,8 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
         model["process"] = _STAND_IN  # one fault is enough
         try:
             model["process"] = ProcessModel.load(folder / name)
-        except OSError as error:
-            faults.append(Fault(place, name, f"must be the name of a file that can be read ({error.strerror})"))
-        except MotionModelError as error:
-            faults += [
-                Fault(f"{place} ({name}){'.' if f.path else ''}{f.path}", f.value, f.message) for f in error.faults
-            ]
+        except (OSError, MotionModelError) as error:
+            faults += faults_of_named(place, name, error)
     return faults
 
 

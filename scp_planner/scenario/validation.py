@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING as MISSING_DEFAULT
+from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from os import PathLike
@@ -258,17 +258,17 @@ def part_of_file(
     return part
 
 
+def faults_of_named(place: str, name: str, error: OSError | FaultyInputError) -> list[Fault]:
+    """Give the faults of a file that is named at a place of another one."""
+    if isinstance(error, OSError):
+        return [Fault(place, name, f"must be the name of a file that can be read ({error.strerror})")]
+    return [fault.below(f"{place} ({name})") for fault in error.faults]
+
+
 def fields_of(kind: type, names: Iterable[str]) -> dict[str, Any]:
-    """Give some fields of a dataclass as `pydantic.create_model` takes them."""
-    hints, known = get_type_hints(kind, include_extras=True), {each.name: each for each in fields(kind)}
-    made: dict[str, Any] = {}
-    for name in names:
-        one = known[name]
-        default = {} if one.default is MISSING_DEFAULT else {"default": one.default}
-        if one.default_factory is not MISSING_DEFAULT:
-            default = {"default_factory": one.default_factory}
-        made[name] = (hints[name], Field(**default))
-    return made
+    """Give some fields of a dataclass as `pydantic.create_model` takes them; one with a factory is required."""
+    hints, known = get_type_hints(kind, include_extras=True), {each.name: each.default for each in fields(kind)}
+    return {name: (hints[name], ... if known[name] is NO_DEFAULT else known[name]) for name in names}
 
 
 def variant(name: str) -> str:
@@ -301,10 +301,14 @@ def _listed(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _details(location: Location, value: object, message: str) -> InitErrorDetails:
+def wrong(message: str) -> PydanticCustomError:
+    """Give the error that a validator raises for a value."""
     # The message is an argument of its template: it may hold braces of its own.
-    kind = PydanticCustomError(_FAULT, "{message}", {"message": message})
-    return InitErrorDetails(type=kind, loc=location, input=value)
+    return PydanticCustomError(_FAULT, "{message}", {"message": message})
+
+
+def _details(location: Location, value: object, message: str) -> InitErrorDetails:
+    return InitErrorDetails(type=wrong(message), loc=location, input=value)
 
 
 def unknown_key(name: object, value: object, known: Iterable[str]) -> Fault:

@@ -172,14 +172,8 @@ class Tracks(Sequence[Track]):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a CSV file ``id,time,x,y`` that `load` reads back exactly, whole or not at all."""
-        lines = ["id,time,x,y"]
-        for track in self._tracks:
-            name = f'"{track.id.replace(chr(34), 2 * chr(34))}"' if set(track.id) & set(',"\n') else track.id
-            lines += [
-                f"{name},{float(t)!r},{float(x)!r},{float(y)!r}"
-                for t, (x, y) in zip(track.times, track.positions, strict=True)
-            ]
-        files.write_text(path, "\n".join(lines) + "\n")
+        rows = [(track.id, *row) for track in self for row in np.column_stack([track.times, track.positions]).tolist()]
+        files.write_csv(path, [("id", "time", "x", "y"), *rows])
 
     def halves(self) -> tuple[Tracks, Tracks]:
         """Split into every other track, in the order of the file: one half to fit, one to test."""

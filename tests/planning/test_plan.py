@@ -211,6 +211,17 @@ def test_a_faulty_plan_file_is_refused_by_name(plan: sp.Plan, tmp_path: Path, na
     assert expected in str(caught.value)
 
 
+def test_all_faults_of_a_plan_file_are_listed(plan: sp.Plan, tmp_path: Path) -> None:
+    text = json.dumps(plan.to_dict(samples=2) | {"reason": 3, "iterations": 0.5})
+    file = tmp_path / "bad.json"
+    file.write_text(text[:-1] + ', "solver": "again"}')
+    with pytest.raises(sp.PlanError, match="2 faults") as caught:
+        sp.Plan.from_dict(json.loads(text), str(file))
+    assert [fault.path for fault in caught.value.faults] == ["reason", "iterations"]
+    with pytest.raises(sp.PlanError, match=r"solver = 'again': must be given only once"):
+        sp.Plan.load(file)
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema": NaN}', '{"schema": ' + 5000 * "1" + "}", 9999 * "["])
 def test_what_is_no_plan_at_all_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "bad.json"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -256,6 +257,14 @@ TEXTS = {
     "YAML number as a key": ("bad.yaml", "goal: {3: 4}\n", "goal[3]", "3", "keys must be text"),
     "YAML of two documents": ("bad.yaml", "name: a\n---\nname: b\n", "line 2", "---", "must be YAML"),
     "YAML without end": ("bad.yaml", "guide: &a [*a]\n", "guide", "[[[...", "at least 2"),
+    "YAML of many aliases": (
+        "bad.yaml",
+        "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\n"
+        + "".join(f"{b}: &{b} [{', '.join(9 * [f'*{a}'])}]\n" for a, b in pairwise("abcdefghi")),
+        "line 6",
+        "*e",
+        "100,000 values by its aliases",
+    ),
     "YAML nested deeply": ("bad.yaml", "name: " + "[" * 99999 + "]" * 99999, "line 1", "[[[[", "nested"),
     "empty": ("bad.yaml", "", "(the whole file)", "null", "mapping"),
     "list": ("bad.yaml", "- 1\n- 2\n", "(the whole file)", "[1, 2]", "mapping"),

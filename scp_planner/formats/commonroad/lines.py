@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array, Mask, unit_vectors
-from scp_planner.formats.commonroad.roads import ROADS, Point, spaced
+from scp_planner.formats.commonroad.roads import ROADS, Point, spaced, steps_in
 from scp_planner.mathematics.polylines import lengths_along
 
 
@@ -58,9 +58,9 @@ def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> Driven
     # Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992.
     stride = LINES.stride * car.length
     target = _continued(line, stride, car.sight)
-    last = len(target) - 1 - math.ceil(car.sight / stride)
+    last = len(target) - 1 - steps_in(car.sight, stride)
     x, y, turn, at = start[0], start[1], heading, 0
-    near, poses = math.ceil(2.0 * car.sight / stride), [(x, y, turn)]
+    near, poses = steps_in(2.0 * car.sight, stride), [(x, y, turn)]
     for _ in range(math.ceil(LINES.longest * len(target))):
         away = np.hypot(target[at : at + near, 0] - x, target[at : at + near, 1] - y)
         nearest = int(away.argmin())
@@ -88,7 +88,7 @@ def _continued(line: Array, step: float, length: float) -> Array:
     """A line with points at a distance, and straight on beyond its end, m."""
     points = spaced(line, step)
     leg = (points[-1] - points[-2]) / math.dist(points[-1], points[-2])
-    beyond = points[-1] + step * np.arange(1, math.ceil(length / step) + 1)[:, None] * leg
+    beyond = points[-1] + step * np.arange(1, steps_in(length, step) + 1)[:, None] * leg
     return np.vstack([points, beyond])
 
 

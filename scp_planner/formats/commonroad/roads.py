@@ -152,7 +152,7 @@ def _along(row: Sequence[Any], first: float, last: float) -> list[Array]:
         low = first + share * (k + (ROADS.change_margin if k else 0.0))
         high = first + share * (k + 1.0 - (ROADS.change_margin if k < len(row) - 1 else 0.0))
         line, stations = _measured(lane)
-        count = max(2, _steps((high - low) * stations[-1], ROADS.guide_step) + 1)
+        count = max(2, steps_in((high - low) * stations[-1], ROADS.guide_step) + 1)
         points += list(points_at(np.linspace(low, high, count) * stations[-1], stations, line))
     return points
 
@@ -174,17 +174,18 @@ def _length(lane: Any) -> float:
     return float(_measured(lane)[1][-1])
 
 
-def _steps(length: float, step: float) -> int:
+def steps_in(length: float, step: float) -> int:
     """Number of steps in a length, m; TooLargeError where there are too many of them."""
     if length > ROADS.most_points * step:
-        raise TooLargeError(f"a way along lanes must be at most {ROADS.most_points * step:g} m long, not {length:g} m")
+        text = f"must be at most {ROADS.most_points * step:g} m, not {length:g} m"
+        raise TooLargeError(f"a way along lanes, and what the vehicle looks ahead at its speed, {text}")
     return math.ceil(length / step)
 
 
 def spaced(points: Array, step: float) -> Array:
     """Return points at equal distances, about so large, along a polyline (k, 2), ends included, m."""
     stations = lengths_along(points)
-    wanted = np.linspace(0.0, stations[-1], max(2, _steps(stations[-1], step)) + 1)
+    wanted = np.linspace(0.0, stations[-1], max(2, steps_in(stations[-1], step)) + 1)
     placed = points_at(wanted, stations, points)
     placed[0], placed[-1] = points[0], points[-1]
     return placed
