@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scp_planner.arrays import Array, left_of, unit_vectors
 from scp_planner.export.tables import SAMPLES, plan_table
 from scp_planner.files import replacing, temporary_folder
+from scp_planner.mathematics.polylines import rates
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -279,13 +280,13 @@ def _turning_change(plan: Plan, time: Array) -> Array:
     """Differentiate the turning rate by time, rad/s2."""
     step = 1e-4 * plan.travel_time
     before, after = (np.clip(time + sign * step, plan.start_time, plan.arrival_time) for sign in (-1.0, 1.0))
-    rates = [plan.speed(t) * plan.curvature(t) for t in (before, after)]
+    turning = [plan.speed(t) * plan.curvature(t) for t in (before, after)]
     span = after - before
-    return np.divide(rates[1] - rates[0], span, out=np.zeros_like(span), where=span > 0.0)
+    return np.divide(turning[1] - turning[0], span, out=np.zeros_like(span), where=span > 0.0)
 
 
 def _odometry(run: Run, frame: str, body: str, epoch: float) -> Iterator[Any]:
-    turning = np.gradient(np.unwrap(run.heading), run.time)
+    turning = rates(np.unwrap(run.heading), run.time)
     unknown = np.zeros(36)  # covariances, which nothing is known of
     rows = np.column_stack([run.time, run.position, run.heading, run.speed, turning]).tolist()
     for time, x, y, heading, speed, rate in rows:

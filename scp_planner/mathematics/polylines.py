@@ -18,3 +18,12 @@ def points_at(wanted: Array | float, known: Array, line: Array, beyond: float | 
     Beyond its ends they are the ends, or have the coordinates that are given.
     """
     return np.stack([np.interp(wanted, known, each, left=beyond, right=beyond) for each in line.T], axis=-1)
+
+
+def rates(values: Array, times: Array) -> Array:
+    """Derivatives of values (n, ...) by times (n,), some of which may be equal; 0 where all are."""
+    later = np.concatenate([[True], np.diff(times) > 0.0])
+    if later.sum() < 2:
+        return np.zeros_like(values, dtype=float)
+    found: Array = np.gradient(values[later], times[later], axis=0)[np.cumsum(later) - 1]
+    return found

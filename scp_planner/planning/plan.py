@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.zone import ThreatZone
 
 UNCHECKED = "No time was left to check the trip"
+SAMPLED = ("position", "velocity", "heading", "speed", "acceleration", "curvature")
+"""Functions of time in the samples of a plan file."""
 _WORK = ("wall_time", "timings", "planned", "candidates")
 """Fields about the making of a plan, not about the plan."""
 
@@ -244,16 +246,8 @@ class Plan:
     def samples(self, count: int = 200) -> dict[str, list[Any]]:
         """Equidistant samples of the trip as plain lists, keyed as in the plan file."""
         times = np.linspace(self.start_time, self.arrival_time, count)
-        return {
-            "time": times.tolist(),
-            "position": self.position(times).tolist(),
-            "velocity": self.velocity(times).tolist(),
-            "heading": self.heading(times).tolist(),
-            "speed": self.speed(times).tolist(),
-            "acceleration": self.acceleration(times).tolist(),
-            "curvature": self.curvature(times).tolist(),
-            **({} if self.legs is None else {"backward": self.backward(times).tolist()}),
-        }
+        names = [*SAMPLED, *(("backward",) if self.legs is not None else ())]
+        return {"time": times.tolist(), **{name: getattr(self, name)(times).tolist() for name in names}}
 
     def to_dict(self, samples: int = 200) -> dict[str, Any]:
         """Return the contents of the plan file."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.mathematics.polylines import points_at
+from scp_planner.mathematics.polylines import points_at, rates
 from scp_planner.plotting.borders import body_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
@@ -150,26 +150,17 @@ def _obstacle(
 
 def _directions(known: Array, centers: Array, time: Array) -> Array:
     """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
-    velocity = _rates(centers, known)
+    velocity = rates(centers, known)
     # m/s: slower motion has no direction.
     angle = np.where(np.hypot(*velocity.T) < 1e-6, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
     nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
     return nearest
 
 
-def _rates(values: Array, times: Array) -> Array:
-    """Derivatives of values (n, ...) by times (n,), some of which may be equal; 0 where all are."""
-    later = np.concatenate([[True], np.diff(times) > 0.0])
-    if later.sum() < 2:
-        return np.zeros_like(values, dtype=float)
-    rates: Array = np.gradient(values[later], times[later], axis=0)[np.cumsum(later) - 1]
-    return rates
-
-
 def _driven(run: Run) -> tuple[Array, Array]:
     """Acceleration, m/s2, and curvature, 1/m, of what was driven; no curvature while standing."""
-    acceleration = _rates(run.speed, run.time)
-    turning = _rates(np.unwrap(run.heading), run.time)
+    acceleration = rates(run.speed, run.time)
+    turning = rates(np.unwrap(run.heading), run.time)
     # Below that the curvature is a quotient of two differences near 0.
     moving = run.speed > 0.01 * run.scenario.vehicle.max_speed
     return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -238,6 +239,13 @@ def test_run_as_messages(run: sp.Run, tmp_path: Path) -> None:
         first, last = path.poses[0].pose.position, path.poses[-1].pose.position
         assert [first.x, first.y] == pytest.approx(plan.position(record.time), abs=1e-12)
         assert [last.x, last.y] == pytest.approx(plan.position(plan.arrival_time), abs=1e-12)
+
+
+@needs_rosbags
+def test_a_run_of_one_time_turns_nowhere(run: sp.Run) -> None:
+    columns = {key: getattr(run, key)[:1] for key in ("time", "position", "heading", "speed")}
+    (odometry,) = (each for each in run_messages(replace(run, **columns)) if each.topic == "/odometry")
+    assert odometry.message.twist.twist.angular.z == 0.0
 
 
 @needs_rosbags
