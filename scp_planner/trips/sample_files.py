@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -103,16 +105,31 @@ def _axes(source: str, position: Any) -> Iterable[list[Any]]:
     return [point[0] for point in position], [point[1] for point in position]
 
 
+_UNREADABLE = (BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error, zlib.error)
+"""Errors of damaged archives, of how they are packed, and of the headers of arrays in them."""
+
+
 def _of_npz(source: str) -> dict[str, Sequence[Any]]:
-    raw = read_bytes(source)
     try:
-        with ZipFile(BytesIO(raw)) as packed:
+        with ZipFile(BytesIO(read_bytes(source))) as packed:
             if sum(each.file_size for each in packed.infolist()) > LARGEST_FILE:
                 raise ValueError(f"must have at most {LARGEST_FILE:,} bytes when it is unpacked")
-        with np.load(BytesIO(raw), allow_pickle=False) as arrays:
-            return {plain_name(str(name)): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
-    except Exception as error:  # of many kinds: of archives, of what packs them, and of headers of arrays
+            members = {each.filename: packed.read(each) for each in packed.infolist()}
+        columns = {plain_name(name.removesuffix(".npy")): _column(raw) for name, raw in members.items()}
+    except _UNREADABLE as error:
         raise SamplesError(source, [Fault("", MISSING, f"not a file of arrays: {error}")]) from None
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+def _column(raw: bytes) -> list[Any] | None:
+    """Return the numbers of an array of one axis; None of others. No more is made than there are bytes."""
+    file = BytesIO(raw)
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, _, kind = header(file)
+    numbers = len(shape) == 1 and kind.kind in "biuf"
+    found: list[Any] | None = np.frombuffer(raw, kind, shape[0], file.tell()).tolist() if numbers else None
+    return found
 
 
 def _of_csv(source: str, path: Path) -> dict[str, Array]:

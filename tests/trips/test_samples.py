@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import tracemalloc
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -234,3 +236,15 @@ def test_arrays_that_unpack_to_much_are_refused_first(tmp_path: Path) -> None:
             inside.write(bytes(2**20))
     with pytest.raises(SamplesError, match="when it is unpacked"):
         SampledTrajectory.load(file)
+
+
+def test_no_more_numbers_are_made_than_an_array_has_bytes(tmp_path: Path) -> None:
+    file, inside = tmp_path / "trip.npz", io.BytesIO()
+    np.lib.format.write_array_header_1_0(inside, {"descr": "<f8", "fortran_order": False, "shape": (10**10,)})
+    with zipfile.ZipFile(file, "w") as packed:
+        packed.writestr("time.npy", inside.getvalue() + bytes(80))
+    tracemalloc.start()
+    with pytest.raises(SamplesError, match="not a file of arrays"):
+        SampledTrajectory.load(file)
+    assert tracemalloc.get_traced_memory()[1] < 10**7
+    tracemalloc.stop()
