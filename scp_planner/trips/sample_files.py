@@ -34,7 +34,7 @@ NAMES = {
 _NEEDED = ("time", "x", "y")
 _UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "speed": "m/s"}
 _OTHER_UNITS = "ms us ns min h km cm mm ft deg degree degrees ° km_per_h kmh kph mph kn knots".split()
-_BRACKETS = re.compile(r"(.*?)\s*[\[(](.*)[\])]")
+_BRACKETS = re.compile(r"([^\[(]*)[\[(](.*)[\])]")
 _DELIMITERS = ",;\t"
 
 
@@ -170,7 +170,7 @@ def plain_name(name: str) -> str:
     """A column's name as `NAMES` has it: small, and a unit in brackets as a part of it."""
     name = name.strip().lower()
     found = _BRACKETS.fullmatch(name)
-    return f"{found[1]}_{found[2].replace('/', '_per_')}" if found else name
+    return f"{found[1].rstrip()}_{found[2].replace('/', '_per_')}" if found else name
 
 
 def _is_number(text: str) -> bool:

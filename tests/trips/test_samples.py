@@ -248,3 +248,10 @@ def test_no_more_numbers_are_made_than_an_array_has_bytes(tmp_path: Path) -> Non
         SampledTrajectory.load(file)
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
+
+
+def test_a_header_of_brackets_is_looked_at_once(tmp_path: Path) -> None:
+    """A name in which each bracket was looked at from each other one took half a minute."""
+    (tmp_path / "trip.csv").write_text(10**5 * "[" + "\n")
+    with pytest.raises(SamplesError, match="no such column"):
+        SampledTrajectory.load(tmp_path / "trip.csv")
