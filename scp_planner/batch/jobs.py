@@ -134,9 +134,9 @@ def planned(scenario: Scenario, options: Options) -> Plan:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
         return penalty_descent(scenario, options.settings, time_limit=options.time_limit)
-    from scp_planner.planning import offline
+    from scp_planner.planning import plan_search
 
-    return offline.plan(scenario, options.settings, time_limit=options.time_limit)
+    return plan_search.plan(scenario, options.settings, time_limit=options.time_limit)
 
 
 def digest_of(scenario: Scenario) -> str:

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.lower_bound import lower_bound
+from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import Fault, PlanError
 from scp_planner.files import read_json, write_text
 from scp_planner.outputs import output_named, picture_or_text
 from scp_planner.planning.plan_file import Within, check_samples, clearance_written, read_fields
+from scp_planner.planning.search import Tried
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.zone import ThreatZone
 
 UNCHECKED = "No time was left to check the trip"
-_WORK = ("wall_time", "timings", "planned", "candidates")
+_WORK = ("wall_time", "timings", "planned", "candidates", "tried")
 """Fields about the making of a plan, not about the plan."""
 
 
@@ -98,6 +99,8 @@ class Plan:
         Model, car, problem and aim of CommonRoad that it was planned for; None if it is no plan for one of its models.
     legs : Legs or None
         Legs ahead and backwards, with the vehicle standing between them; None: one trip ahead.
+    tried : tuple of Tried
+        Skeletons that the search tried, in order: the decisions of each, its bound, its result and its time; not saved.
     """
 
     scenario: str
@@ -117,9 +120,10 @@ class Plan:
     stated_status: PlanStatus | None = None
     commonroad: dict[str, Any] | None = None
     legs: Legs | None = None
+    tried: tuple[Tried, ...] = field(default=(), repr=False)
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self._identity == other._identity
+        return isinstance(other, type(self)) and isinstance(self, type(other)) and self._identity == other._identity
 
     def __hash__(self) -> int:
         return hash(self._identity)
@@ -145,6 +149,11 @@ class Plan:
     def certified(self) -> bool:
         """True if the continuous-time certificate holds."""
         return self.status is PlanStatus.CERTIFIED
+
+    @property
+    def explanation(self) -> str:
+        """The reason where there is no certificate, and a line for each skeleton that the search tried."""
+        return "\n".join([*filter(None, [self.reason]), *map(str, self.tried)])
 
     @property
     def gap(self) -> float:
@@ -491,5 +500,6 @@ def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
         reason=None if found.holds else plan.reason or "; ".join(map(str, found.violations)) or UNCHECKED,
         clearance=found.clearance,
         limits=found.limits,
+        lower_bound=kinematic_bound(scenario),
         planned=scenario,
     )

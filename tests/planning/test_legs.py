@@ -16,8 +16,10 @@ import pytest
 import shapely
 
 import scp_planner as sp
-from scp_planner.planning.legs import LegSearch
+from scp_planner.pauses import Budget
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.planning.plan_search import plan_of_legs
+from scp_planner.planning.sources.gears import LegPlans
 from scp_planner.routes.manoeuvres import ManoeuvreSearch
 from scp_planner.trips.legs import Leg, Legs, Stand
 
@@ -194,7 +196,7 @@ def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
         begins.add(scene.start.time)
         return replace(sp.plan(scene), status=PlanStatus.INFEASIBLE)
 
-    LegSearch(scenario, too_tight, sp.zones(scenario)).run()
+    plan_of_legs(scenario, too_tight, sp.zones(scenario))
     assert begins == {0.0}
 
 
@@ -228,7 +230,7 @@ def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
         goal = {"position": [4, 0], "heading": heading}
         vehicle = {**ROBOT, "max_curvature": 2.0, "reverse": {"max_speed": 1.0}}
         scenario = sp.Scenario(vehicle=vehicle, start=start, goal=goal, walls=shut)
-        search = LegSearch(scenario, lambda scene, *_: sp.plan(scene), sp.zones(scenario))
+        search = LegPlans(scenario, lambda skeleton, *_: sp.plan(skeleton.scenario), sp.zones(scenario), Budget())
         began = process_time()
         assert not ManoeuvreSearch(search.inside, search.batch, search.curvature).run()
         took.append(process_time() - began)

@@ -16,8 +16,8 @@ from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_
 from scp_planner.formats.commonroad.checker import SPEED_COLUMN, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
 from scp_planner.formats.commonroad.reading import READING, CommonRoadFile, read_commonroad, scenario_of
-from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
+from scp_planner.planning.plan_search import planned
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings

@@ -1,0 +1,120 @@
+"""The best-first search itself, on skeletons that are numbers: their digits are decisions, a trip takes their value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import inf
+
+import pytest
+from scenes import CROSSERS, disc, scene
+
+import scp_planner as sp
+from scp_planner.pauses import Budget
+from scp_planner.planning.search import Search, SearchLog, Source
+
+
+@dataclass(frozen=True)
+class Number:
+    travel_time: float
+
+
+class Digits(Source[str, Number]):
+    """One digit more, the least first; a trip takes no less than its first digits say."""
+
+    name = "digits"
+
+    def __init__(self, digits: str = "123", rank: int = 0) -> None:
+        self.digits, self.rank, self.proposed = digits, rank, list[str]()
+
+    def children(self, skeleton: str, found: Number | None) -> Iterator[tuple[float, str]]:
+        for digit in self.digits if found is None else "":
+            child = skeleton + digit
+            self.proposed.append(child)
+            yield float(child.ljust(3, "0")), child
+
+
+@dataclass
+class Numbers(Search[str, Number]):
+    """Numbers of three digits are complete; those in ``wrong`` are not certified."""
+
+    wrong: frozenset[str] = frozenset()
+    completed: list[str] = field(default_factory=list)
+
+    def __init__(self, *sources: Source[str, Number], wrong: tuple[str, ...] = (), deadline: float = inf) -> None:
+        super().__init__(SearchLog(), Budget(deadline), sources)
+        self.wrong, self.completed = frozenset(wrong), []
+
+    def accepts(self, result: Number) -> bool:
+        return str(int(result.travel_time)) not in self.wrong
+
+    def is_better(self, result: Number, other: Number) -> bool:
+        return (not self.accepts(result), result.travel_time) < (not self.accepts(other), other.travel_time)
+
+    def describe(self, skeleton: str) -> str:
+        return skeleton
+
+    def complete(self, skeleton: str) -> Number | None:
+        if len(skeleton) < 3:
+            return None
+        self.completed.append(skeleton)
+        return Number(float(skeleton))
+
+
+def test_the_least_bound_is_tried_first_and_nothing_else_that_cannot_win() -> None:
+    source = Digits()
+    search = Numbers(source)
+    assert search.explore("") == Number(111.0)
+    assert search.completed == ["111"]
+    assert "31" not in source.proposed and "21" not in source.proposed
+
+
+def test_where_a_trip_is_not_certified_the_next_one_is_tried() -> None:
+    search = Numbers(Digits(), wrong=("111", "112"))
+    assert search.explore("") == Number(113.0)
+    assert search.completed == ["111", "112", "113"]
+    assert [(one.what, one.result, one.bound) for one in search.log.skeletons] == [
+        ("111", "violated", 111.0),
+        ("112", "violated", 112.0),
+        ("113", "certified", 113.0),
+    ]
+
+
+def test_a_source_of_a_higher_rank_waits() -> None:
+    late = Digits("0", rank=1)
+    search = Numbers(Digits("1"), late, wrong=("111",))
+    assert search.explore("") == Number(0.0)
+    assert search.completed[0] == "111"
+
+
+def test_after_the_first_trip_the_search_ends_with_its_budget() -> None:
+    search = Numbers(Digits(), wrong=("111", "112"), deadline=-1.0)
+    assert search.explore("") == Number(111.0)
+    assert search.completed == ["111"]
+
+
+class Drawn(sp.Source[sp.Skeleton, sp.Plan]):
+    """Guides that somebody drew."""
+
+    name = "drawn"
+
+    def children(self, skeleton: sp.Skeleton, found: sp.Plan | None) -> Iterator[tuple[float, sp.Skeleton]]:
+        if not skeleton.decided:
+            yield 0.0, skeleton.along([(0.0, 0.0), (10.0, 4.0), (20.0, 0.0)])
+
+
+def test_guides_of_a_user_are_tried_and_the_plan_says_so() -> None:
+    given = scene(disc("post", (10.0, 0.0)))
+    alone, drawn = sp.plan(given), sp.plan(given, sources=[Drawn()])
+    assert "drawn guide" in {one.what for one in drawn.tried}
+    assert "drawn guide" not in {one.what for one in alone.tried}
+    assert drawn.certified and drawn.travel_time <= alone.travel_time * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("time_limit", [None, 0.0])
+def test_the_plan_lists_what_was_tried(time_limit: float | None) -> None:
+    plan = sp.plan(scene(*CROSSERS), time_limit=time_limit)
+    assert plan.tried[-1].travel_time == plan.travel_time
+    assert (plan.tried[-1].result == "certified") is plan.certified
+    assert str(plan.tried[-1]) in plan.explanation
+    assert sum(one.wall_time for one in plan.tried if one.what != "one trip") <= plan.wall_time
