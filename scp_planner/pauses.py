@@ -87,7 +87,7 @@ class Budget:
         def go_on() -> None:
             if perf_counter() > until:
                 raise OutOfTimeError(
-                    f"time_limit: most of {limit:g} s is over before all obstacles are ready to be looked at, and"
+                    f"time_limit: most of {limit:.3g} s is over before all obstacles are ready to be looked at, and"
                     " without them no trip is safe: with more time, fewer observations of each, fewer corners of"
                     " polygons, or without obstacles that are never met, it can be planned"
                 )

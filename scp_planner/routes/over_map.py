@@ -65,12 +65,12 @@ class MapRoutes:
         if begin is None or end is None:
             return None
         band = _band(free, begin, end)
-        path = None if band is None else _shortest(band, begin, end)[0]
+        path = None if band is None else shortest_over(band, begin, end)[0]
         if path is None:
             return None
         route = _route_over(ends, path, free)
         band = _beside(free, route, MAPS.beside * self.radius / coarse.resolution)
-        path, left = _shortest(band, begin, end)
+        path, left = shortest_over(band, begin, end)
         if path is not None:  # between blocks the first one goes from side to side
             route = min(route, _route_over(ends, path, free), key=_length)
         for place, cell in zip(ends, (begin, end), strict=True):  # they may lie beside free cells by less than one
@@ -281,7 +281,7 @@ def _band(free: Mask, begin: Index, end: Index) -> Mask | None:
     return band
 
 
-def _shortest(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array]:
+def shortest_over(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array]:
     """Shortest path over free cells from one to another, by their eight neighbours: (n, 2) columns and rows.
 
     With it the length of that to the other one from each cell, cells.
