@@ -503,3 +503,10 @@ def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
         lower_bound=kinematic_bound(scenario),
         planned=scenario,
     )
+
+
+def joined(plans: Sequence[Plan]) -> Plan:
+    """Return one plan of several: each begins where and when the vehicle stands at the end of the one before."""
+    each = [plan.legs or Legs.of(plan.trip) for plan in plans]
+    legs = tuple(leg for one in each for leg in one.legs)
+    return replace(plans[0], legs=Legs(legs, each[0].first, each[-1].last))

@@ -15,6 +15,7 @@ from scp_planner.planning.plan import Plan, PlanStatus, judged_by
 from scp_planner.planning.retries import plan_in_tube
 from scp_planner.planning.search import Search, Source
 from scp_planner.planning.sources.gears import Gears
+from scp_planner.planning.sources.meeting_times import MeetingTimes
 from scp_planner.planning.sources.orders import Orders
 from scp_planner.planning.sources.routes import RoutesOverMap
 from scp_planner.planning.task import Request, Skeleton
@@ -153,9 +154,12 @@ class PlanSearch(Search[Skeleton, Plan]):
         super().__init__(request.log, request.budget)
         self.scenario, self.request, self._plan_one, self._only = scenario, request, plan_one, only
         self.map = RoutesOverMap(self)
-        built_in: list[Source[Skeleton, Plan]] = [Orders(self, self._solved, request.settings), self.map]
-        if request.constraints is None:  # which are written for one trip
-            built_in.append(Gears(self, self.plan_one, request.threat_zones))
+        built_in: list[Source[Skeleton, Plan]] = [
+            MeetingTimes(self, self._solved),
+            Orders(self, self._solved, request.settings),
+            self.map,
+            Gears(self, self.plan_one, request.threat_zones),
+        ]
         self.sources = [*sources, *(one for one in built_in if only in (None, one.name))]
 
     def run(self, skeleton: Skeleton) -> Plan:

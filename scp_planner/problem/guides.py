@@ -170,9 +170,9 @@ def _smoothed(polyline: Array, radius: float, settings: SceneSettings) -> Guide:
 
 def _shortened(points: Array, length: float) -> Array:
     """A polyline without the last part that lies within a distance of its end."""
-    if length == 0.0:
-        return points
     away = np.hypot(*(points - points[-1]).T)
+    if away.max() <= length:  # a leg that begins as near as it is to end
+        return points
     last = int(np.flatnonzero(away > length)[-1])
     begin, end = points[last] - points[-1], points[last + 1] - points[-1]
     leg = end - begin

@@ -79,6 +79,20 @@ class MapLines:
         shortest = self.routes.route()
         return shortest, self.routes.drivable
 
+    def pieces(self) -> list[Array] | None:
+        """Return the shortest line to each place to pass and to the goal, (n, 2) m each; None where one is missing."""
+        start, goal, vehicle = self.scenario.start, self.scenario.goal, self.scenario.vehicle
+        ends = [changed(goal, position=one.position, radius=one.within(vehicle)) for one in self.scenario.goals]
+        found, begin = list[Array](), start
+        for end in (*ends, goal):
+            self.budget.check()
+            piece = MapRoutes(changed(self.scenario, start=begin, goal=end), self.map, self.standing).route()
+            if piece is None:
+                return None
+            found.append(np.concatenate([[begin.position], piece[1:-1], [end.position]]))
+            begin = changed(start, position=end.position, heading=None)
+        return found
+
     def with_ends(self, line: Array) -> Array:
         """Return a line with its ends at the start and the goal, (n, 2) m."""
         return np.concatenate([[self.scenario.start.position], line[1:-1], [self.scenario.goal.position]])

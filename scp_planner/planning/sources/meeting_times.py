@@ -9,24 +9,29 @@ allow, it is not run again: the same trip, turned and dilated in space and time 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import dist, inf
 
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
+from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.constraints.ends import end_conditions
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.pauses import Budget
 from scp_planner.planning.checked import QUALITY
+from scp_planner.planning.plan import Plan
 from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.search import Search, Source
 from scp_planner.planning.sources.refinements import over_other_breakpoints
-from scp_planner.planning.task import Task
+from scp_planner.planning.task import Skeleton, Task
 from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.reversing import ahead
 from scp_planner.scenario.units import changed
 from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import for_scene
@@ -56,6 +61,8 @@ class MeetingSettings:
     slowest_gain: float = 1e-2  # of the speed, on the target; limits and times are kept no more exactly than for that
     fast_gain: float = 0.7  # of the speed: below it a trip with usual margin and tolerance is not good enough
     later: float = 1.25  # times the time to which no trip is found, that is tried next
+    share: float = 0.5  # of the time that is left, for one search to a goal that stands
+    slower: tuple[float, ...] = (1.001, 1.05, 1.2)  # times the time of such a trip: meetings that are tried
     longest: float = 2.0  # times the last time, that the next one is at most
 
 
@@ -311,3 +318,63 @@ def _turned(best: ScpRun, task: Task) -> Trajectory:
     ends = end_conditions(scenario, frame, space, for_scene(task.settings).max_offset)
     theta = ends.around(np.clip(scale * trip.theta, ends.lower, ends.upper)[ends.free])
     return Trajectory.of(space, theta, trip.beta / scale, scale * trip.travel_time)
+
+
+class MeetingTimes(Source[Skeleton, Plan]):
+    """The time of the meeting where more than one trip is to be decided: each try is a search for a goal that stands.
+
+    Trips to where the target is after a time take tau(T); T becomes tau(T) until that is no later. Then the goal is to
+    be reached at that time, neither sooner nor later.
+    """
+
+    name = "meeting"
+
+    def __init__(self, search: Search[Skeleton, Plan], solve: Callable[[Skeleton, Budget], Plan]) -> None:
+        self.search, self.solve = search, solve
+
+    def decides(self, skeleton: Skeleton) -> bool:
+        """True if a target is to be met over places, or with the gears of the vehicle."""
+        scenario, goal = skeleton.scenario, skeleton.scenario.goal
+        gears = scenario.vehicle.reverse is not None or scenario.vehicle.max_turn_rate is not None
+        return skeleton.planned is None and goal.target is not None and (bool(scenario.goals) or gears)
+
+    def children(self, skeleton: Skeleton, found: Plan | None) -> Iterator[tuple[float, Skeleton]]:  # noqa: ARG002
+        """Yield a trip ahead, if one may do, and the search for the time."""
+        if self.search.due(skeleton) != self.name:
+            return
+        scenario = skeleton.scenario
+        if not scenario.goals:
+            yield 0.0, skeleton.after("ahead", ahead(scenario))
+        if not self.search.certified:
+            planned = partial(self._met, scenario)
+            yield (
+                kinematic_bound(scenario),
+                replace(skeleton.after("time of the meeting", exact=False), planned=planned),
+            )
+
+    def _met(self, scenario: Scenario, budget: Budget) -> Plan | None:
+        target, time = TargetMotion.met(scenario, scenario.goal), kinematic_bound(scenario)
+        least = (scenario.goal.earliest_arrival or scenario.start.time) - scenario.start.time
+        for _ in range(MEETING.searches):
+            before = time = max(time, least)
+            if time == inf:
+                return None
+            made = self.solve(Skeleton(self._at(scenario, target, time)), budget.part(MEETING.share))
+            time = made.travel_time if made.certified else MEETING.later * time
+            if made.certified and time <= (1.0 + MEETING.far) * before:
+                break
+        for slower in MEETING.slower:
+            on_time = slower * max(time, before)
+            made = self.solve(Skeleton(self._at(scenario, target, on_time, exactly=True)), budget.part())
+            if made.certified:
+                break
+        return made
+
+    @staticmethod
+    def _at(scenario: Scenario, target: TargetMotion, time: float, *, exactly: bool = False) -> Scenario:
+        """Return the scene with a goal that stands where the target is after a time, s."""
+        arrival = scenario.start.time + time
+        goal = changed(target.goal_at(scenario.goal, arrival), earliest_arrival=None, latest_arrival=None)
+        if exactly:
+            goal = changed(goal, earliest_arrival=arrival, latest_arrival=arrival)
+        return changed(scenario, goal=goal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import inf
 
@@ -14,14 +15,15 @@ from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.taut import TautLines
 from scp_planner.pauses import Budget, OutOfTimeError
-from scp_planner.planning.plan import Plan
+from scp_planner.planning.plan import Plan, joined
 from scp_planner.planning.search import Search, Source
 from scp_planner.planning.task import Skeleton
 from scp_planner.problem.guides import over_places
+from scp_planner.routes.ground import MapLines
 from scp_planner.routes.outlines import polygons_around, standing_shapes
 from scp_planner.routes.visits import Visit, fixed, visits
 from scp_planner.scenario.limits import Box
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import Goal, Passage, Scenario
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -76,6 +78,10 @@ class Orders(Source[Skeleton, Plan]):
             part = replace(whole, deadline=whole.begun + share * (whole.deadline - whole.begun))
             ordered = skeleton.after(f"order {' '.join(str(k + 1) for k in visit.order)}")
             yield from self._led(ordered, visit, part) if moves else self._over_places(ordered, visit, part)
+            gears = scenario.vehicle.reverse is not None or scenario.vehicle.max_turn_rate is not None
+            if gears and not moves and not search.certified:
+                planned = partial(self._stopping, visit.taken(scenario))
+                yield visit.arrival, replace(ordered.after("stop at each place", exact=False), planned=planned)
 
     def _over_places(self, skeleton: Skeleton, visit: Visit, budget: Budget) -> Iterator[tuple[float, Skeleton]]:
         """Yield guides over places that stand."""
@@ -84,6 +90,24 @@ class Orders(Source[Skeleton, Plan]):
         for tried, guided in enumerate(guides):
             share = budget.left / (len(guides) - tried)
             yield visit.arrival, replace(skeleton.after(f"guide {tried + 1}", guided), limit=share)
+
+    def _stopping(self, scenario: Scenario, budget: Budget) -> Plan | None:
+        """Plan from place to place, each with all gears, and join the legs."""
+        start, plans = scenario.start, list[Plan]()
+        for left, one in zip(range(len(scenario.goals), -1, -1), (*scenario.goals, scenario.goal), strict=True):
+            goal = one
+            if isinstance(one, Passage):
+                kept = {key: getattr(one, key) for key in ("heading_range", "earliest_arrival", "latest_arrival")}
+                goal = Goal(position=one.position, speed=0.0, **kept)
+            scene = changed(scenario, start=start, goal=goal, goals=())
+            made = self.solve(Skeleton(scene), budget.part(1.0 / (left + 1)))
+            if not made.certified:
+                return None
+            plans.append(made)
+            time = made.arrival_time
+            (x, y), heading = made.position(time).tolist(), float(made.heading(time))
+            start = changed(start, time=time, position=(x, y), heading=heading, speed=0.0, acceleration=None)
+        return joined(plans)
 
     def _led(self, skeleton: Skeleton, visit: Visit, budget: Budget) -> Iterator[tuple[float, Skeleton]]:
         """Yield guides over where targets are about when they are met, while the trips that are led to them gain."""
@@ -115,6 +139,8 @@ class Orders(Source[Skeleton, Plan]):
         """The shortest line from each place to the next, (n, 2) m, round what stands; straight where there is none."""
         places = [scenario.start.position, *(one.position for one in scenario.goals), scenario.goal.position]
         straight = [np.array(pair) for pair in pairwise(places)]
+        if scenario.ground is not None:
+            return MapLines(scenario, budget).pieces() or straight
         if not (scenario.obstacles or scenario.walls):
             return straight
         units, world = NaturalUnits.of(scenario), PlanningFrame((0.0, 0.0), 0.0, 0.0)

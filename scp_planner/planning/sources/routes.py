@@ -188,6 +188,9 @@ class RoutesOverMap(Source[Skeleton, Plan]):
     def _routes(self, skeleton: Skeleton) -> Iterator[tuple[float, Skeleton]]:
         scenario = skeleton.scenario
         routes = MapLines(scenario, self.search.budget)
+        if scenario.goals and scenario.guide is not None:  # which leads over them
+            yield 0.0, self._within(routes, skeleton, [np.array(scenario.guide)], "corridor along the guide")
+            return
         shortest, drivable = routes.lines()
         if shortest is None:
             self.why_none = self.why_none or routes.why_none()
