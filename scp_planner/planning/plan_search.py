@@ -104,6 +104,7 @@ def planned(
     threat_zones: Sequence[ThreatZone] | None = None,
     along: Array | None = None,
     begin: Trip | None = None,
+    sources: Sequence[Source[Skeleton, Plan]] = (),
 ) -> Plan:
     """Plan a trip ahead, without a map: see :func:`plan`; among zones that are at hand, if there are some.
 
@@ -111,7 +112,9 @@ def planned(
     """
     budget = Budget.within(time_limit)
     request = Request.of(settings, solver, None, budget, thorough=thorough, threat_zones=threat_zones)
-    made = PlanSearch(scenario, request, only=Orders.name).run(Skeleton(scenario, line=along, begin=begin))
+    made = PlanSearch(scenario, request, sources=sources, only=Orders.name).run(
+        Skeleton(scenario, line=along, begin=begin)
+    )
     return replace(made, wall_time=budget.spent)
 
 

@@ -11,7 +11,9 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.pauses import Budget
+from scp_planner.planning.plan_search import planned
 from scp_planner.planning.search import Search, SearchLog, Source
+from scp_planner.planning.sources.routes import WithoutGuide
 
 
 @dataclass(frozen=True)
@@ -118,3 +120,15 @@ def test_the_plan_lists_what_was_tried(time_limit: float | None) -> None:
     assert (plan.tried[-1].result == "certified") is plan.certified
     assert str(plan.tried[-1]) in plan.explanation
     assert sum(one.wall_time for one in plan.tried if one.what != "one trip") <= plan.wall_time
+
+
+def test_a_guide_that_cannot_be_followed_is_left() -> None:
+    """It turns sharply where the vehicle drives fast: an offset of it is no trip, and the straight line is."""
+    bends = [[0.0, 0.0], [3.0, 0.0], [3.0, 9.0], [6.0, 9.0], [6.0, 0.0], [20.0, 0.0]]
+    given = scene(guide=bends, goal={"latest_arrival": 8.0})
+    alone, without = planned(given), planned(given, sources=[WithoutGuide()])
+    assert not alone.certified
+    assert without.certified and without.arrival_time <= 8.0
+    assert without.tried[-1].what == "without the guide"
+    held = given.model_copy(update={"corridor": (((-1.0, -1.0), (21.0, -1.0), (21.0, 10.0), (-1.0, 10.0)),)})
+    assert not planned(held, sources=[WithoutGuide()]).certified

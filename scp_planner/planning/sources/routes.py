@@ -22,6 +22,7 @@ from scp_planner.routes.gaps import describe_gap
 from scp_planner.routes.ground import GROUND, MapLines, ground_along, leads_through, least_time_along, with_ground
 from scp_planner.routes.roadmap import Roadmap, Route
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.trips.guide import Guide
 
@@ -161,6 +162,19 @@ class RoutesRound(Source[Start, ScpRun]):
             with search.log.timed("build"):
                 guide = self.routes.take(route, over.runs.everything)
             yield route.least_time, Start(ROUTE, OverGuide(CheckedRuns(search.task, guide), is_route=True))
+
+
+class WithoutGuide(Source[Skeleton, Plan]):
+    """The straight line in place of a guide over which no trip is certified: its bends may be too tight to follow."""
+
+    name, rank = "without the guide", 1
+
+    def children(self, skeleton: Skeleton, found: Plan | None) -> Iterator[tuple[float, Skeleton]]:
+        """Yield the scene without its guide, where no corridor and no place to pass holds it to that."""
+        scenario = skeleton.scenario
+        held = scenario.guide is None or scenario.corridor is not None or bool(scenario.goals)
+        if not (held or skeleton.decided or found is None or found.certified):
+            yield 0.0, skeleton.after(self.name, changed(anchored(scenario), guide=None), exact=False)
 
 
 class RoutesOverMap(Source[Skeleton, Plan]):
