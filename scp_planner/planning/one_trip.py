@@ -15,7 +15,7 @@ from scp_planner.planning.explain import GETS_AWAY, Ending, explain
 from scp_planner.planning.fastest_trip import fastest_of, fastest_trip, from_trip, on_line, prepare
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.runs import CheckedRuns, ScpRun
-from scp_planner.planning.sources.meeting_times import MeetingSearch
+from scp_planner.planning.sources.one_meeting import MeetingSearch
 from scp_planner.planning.sources.refinements import on_a_step, with_short_spans
 from scp_planner.planning.task import Request, Skeleton, Task
 from scp_planner.scenario.models import Scenario

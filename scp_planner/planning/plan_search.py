@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify
+from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.pauses import BEFORE_CHECK, Budget, OutOfTimeError
 from scp_planner.planning.one_trip import plan_trip
 from scp_planner.planning.plan import Plan, PlanStatus, judged_by
@@ -18,10 +19,8 @@ from scp_planner.planning.sources.gears import Gears
 from scp_planner.planning.sources.meeting_times import MeetingTimes
 from scp_planner.planning.sources.orders import Orders
 from scp_planner.planning.sources.routes import RoutesOverMap
-from scp_planner.planning.task import Request, Skeleton
-from scp_planner.problem.memory import check_obstacles
+from scp_planner.planning.task import Request, Skeleton, check_scenario
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.zone import ThreatZone
@@ -40,6 +39,7 @@ def plan(
     constraints: UserConstraints | None = None,
     tube: TrackingTube | None = None,
     sources: Sequence[Source[Skeleton, Plan]] = (),
+    prove: float | None = None,
 ) -> Plan:
     """Plan the fastest safe trip of a scenario. Nothing is drawn at random: the same input gives the same plan.
 
@@ -60,6 +60,9 @@ def plan(
         and in the workspace. Then several trips may have to be planned.
     sources : sequence of Source, optional
         Further sources of skeletons, such as guides that were drawn by hand: see :class:`scp_planner.Source`.
+    prove : float, optional
+        Relative gap that is to be proven: 0.01 asks whether any trip is faster by more than 1 %. ``plan.lower_bound``
+        is what was proven in the time that is left, and ``plan.gap`` the gap.
 
     Returns
     -------
@@ -70,8 +73,8 @@ def plan(
     Raises
     ------
     ValueError
-        If the time limit is negative; if no solver has that name; if there are constraints and the solver is another
-        than CVXPY; if a constraint is not convex by the rules of CVXPY.
+        If the time limit or the gap to prove is negative; if no solver has that name; if there are constraints and the
+        solver is another than CVXPY; if a constraint is not convex by the rules of CVXPY.
     TypeError
         If the scenario is none, or ``constraints`` returns something else than constraints.
     EstimationError
@@ -81,9 +84,10 @@ def plan(
     """
     if time_limit is not None and not time_limit >= 0.0:
         raise ValueError(f"time_limit: {time_limit!r} must not be negative")
+    if prove is not None and not prove >= 0.0:
+        raise ValueError(f"prove: {prove!r} must not be negative")
     budget = Budget.within(time_limit)
     if tube is None:
-        NaturalUnits.of(scenario)  # which refuses what is no scenario
         made = solve(scenario, Request.of(settings, solver, constraints, budget), sources=sources)
     else:
 
@@ -91,6 +95,10 @@ def plan(
             return solve(roomier, Request.of(settings, solver, constraints, part), sources=sources)
 
         made = plan_in_tube(scenario, tube, budget, without)
+    if prove is not None and made.certified and made.gap > prove:
+        left = budget.left if budget.left < inf else None
+        bound = lower_bound(scenario, at_most=made.travel_time, time_limit=left, gap=prove)
+        made = replace(made, lower_bound=max(made.lower_bound, bound))
     return replace(made, wall_time=budget.spent)
 
 
@@ -153,7 +161,7 @@ class PlanSearch(Search[Skeleton, Plan]):
         sources: Sequence[Source[Skeleton, Plan]] = (),
         only: str | None = None,
     ) -> None:
-        check_obstacles(len(scenario.obstacles))
+        check_scenario(scenario)
         super().__init__(request.log, request.budget)
         self.scenario, self.request, self._plan_one, self._only = scenario, request, plan_one, only
         self.map = RoutesOverMap(self)

@@ -14,6 +14,7 @@ from scp_planner.certificate.lower_bound import ground_bound
 from scp_planner.pauses import Budget
 from scp_planner.planning.plan import Plan
 from scp_planner.planning.search import SearchLog
+from scp_planner.problem.memory import check_obstacles
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.goal import ArrivalSteps
@@ -96,6 +97,12 @@ class Skeleton:
         """
         line = tuple((float(x), float(y)) for x, y in guide)
         return self.after(name, changed(self.scenario, guide=line), exact=False)
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Refuse what is no scenario, and one of more obstacles than there is memory for."""
+    NaturalUnits.of(scenario)
+    check_obstacles(len(scenario.obstacles))
 
 
 def may_have_legs(scenario: Scenario) -> bool:

@@ -132,3 +132,15 @@ def test_a_guide_that_cannot_be_followed_is_left() -> None:
     assert without.tried[-1].what == "without the guide"
     held = given.model_copy(update={"corridor": (((-1.0, -1.0), (21.0, -1.0), (21.0, 10.0), (-1.0, 10.0)),)})
     assert not planned(held, sources=[WithoutGuide()]).certified
+
+
+def test_a_gap_is_proven_where_it_is_asked_for() -> None:
+    """A disc drives ahead in a corridor that is too narrow to pass it: it is waited for, to 0.8 m behind its centre."""
+    given = scene(disc("ahead", (3.0, 0.0), (1.0, 0.0), radius=0.5), bounds={"min": [-1.0, -0.7], "max": [40.0, 0.7]})
+    plain, proven = sp.plan(given), sp.plan(given, prove=0.01)
+    assert proven.travel_time == plain.travel_time
+    assert plain.gap > 1.0
+    assert proven.gap <= 0.01 * (1.0 + 1e-6)
+    assert proven.lower_bound <= 20.0 + 0.8 - 3.0
+    with pytest.raises(ValueError, match="prove"):
+        sp.plan(given, prove=-0.1)
