@@ -30,12 +30,16 @@ def prepare(task: Task, *, beside: bool = True) -> Prepared:
 
 
 def fastest_trip(
-    runs: CheckedRuns, routes: RouteChoice | None, first: Route | None = None, rival: ScpRun | None = None
+    runs: CheckedRuns,
+    routes: RouteChoice | None,
+    first: Route | None = None,
+    known: float = inf,
+    rival: ScpRun | None = None,
 ) -> TripSearch:
-    """Search for the fastest trip, at first along a route, if there is one; for one that is faster than a rival."""
+    """Search for the fastest trip that takes less than a known time, s, at first along a route, if there is one."""
     if first is not None and routes is not None:
         runs = CheckedRuns(runs.task, routes.take(first, runs.everything))
-    search = TripSearch(runs, inf if rival is None else rival.travel_time, rival)
+    search = TripSearch(runs, known, rival)
     search.sources = [Sides(search), StricterLimits(search), Refinements(search)]
     if routes is not None:
         search.sources.insert(1, RoutesRound(search, routes))
@@ -48,7 +52,7 @@ def fastest_of(task: Task, rival: ScpRun | None) -> ScpRun | None:
     runs, routes, first = prepare(task)
     if first is None:
         runs = with_short_spans(runs, bends=routes is not None and routes.bends)
-    return fastest_trip(runs, routes, first, rival).best
+    return fastest_trip(runs, routes, first, inf if rival is None else rival.travel_time, rival).best
 
 
 def from_trip(task: Task, trip: Trajectory) -> TripSearch:
@@ -64,9 +68,9 @@ def from_trip(task: Task, trip: Trajectory) -> TripSearch:
     return search
 
 
-def on_line(task: Task, line: Array) -> TripSearch:
+def on_line(task: Task, line: Array, known: float = inf) -> TripSearch:
     """Search over a guide along a line, (n, 2) m from start to goal in the units of the scene."""
-    search = TripSearch(CheckedRuns(task, guide_on(task.scenario, line, for_scene(task.settings))))
+    search = TripSearch(CheckedRuns(task, guide_on(task.scenario, line, for_scene(task.settings))), known)
     search.sources = [Sides(search), StricterLimits(search), Refinements(search)]
     search.explore(Start(SCENE, OverGuide(search.runs)))
     return search

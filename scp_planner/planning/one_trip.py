@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import dist
+from math import dist, inf
 from time import perf_counter
 
 import numpy as np
@@ -29,19 +29,21 @@ from scp_planner.threat_zones.target import TargetMotion
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 
 
-def plan_trip(request: Request, skeleton: Skeleton) -> Plan:
-    """Plan the fastest trip of a scene, or the best attempt with the reason."""
+def plan_trip(request: Request, skeleton: Skeleton) -> Plan | None:
+    """Plan the fastest trip of a scene, or the best attempt with the reason; None if it cannot beat a known time."""
     began, scenario = perf_counter(), skeleton.scenario
     try:
         made = _planned(request, skeleton)
     except OutOfTimeError as error:  # before all obstacles were ready: without them no trip is known to be safe
         alone = changed(scenario, obstacles=(), walls=())
-        found = _planned(replace(request, budget=Budget.within(0.0), threat_zones=None), Skeleton(alone))
+        at_once = replace(request, budget=Budget.within(0.0), threat_zones=None, known=inf)
+        found = _planned(at_once, Skeleton(alone))
+        assert found is not None, "without a known time there is a trip"
         made = replace(found, status=PlanStatus.INFEASIBLE, reason=str(error), clearance=Clearance(-np.inf))
-    return replace(made, planned=scenario, wall_time=perf_counter() - began)
+    return made and replace(made, planned=scenario, wall_time=perf_counter() - began)
 
 
-def _planned(request: Request, skeleton: Skeleton) -> Plan:
+def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
     """Search for a trip, in units of the straight line, or of the route that is driven if that is far longer."""
     scenario, line = skeleton.scenario, skeleton.line
     units = NaturalUnits.of(scenario, None if line is None else float(np.hypot(*np.diff(line, axis=0).T).sum()))
@@ -54,9 +56,9 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan:
     if skeleton.begin is not None:
         known = from_trip(task, skeleton.begin.inside(units).trajectory)
     elif line is not None:
-        known = on_line(task, (line - units.origin) / units.length)
-    if known is not None and known.best is not None:
-        return _told(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
+        known = on_line(task, (line - units.origin) / units.length, request.known / units.time)
+    if known is not None:
+        return known.best and _told(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
     runs, routes, first = prepare(task)
     if first is not None:
         # The scene's units are those of the trip, which is longer than the straight line to the goal
@@ -67,8 +69,9 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan:
     else:
         bends = routes is not None and routes.bends
         runs = with_short_spans(CheckedRuns(task.bounded) if bends else runs, bends=bends)
-    search = fastest_trip(runs, routes, first)
-    assert search.best is not None, "the first run is never cut off"
+    search = fastest_trip(runs, routes, first, request.known / units.time)
+    if search.best is None:
+        return None
     made = _told(skeleton, search.lower_bound, on_a_step(task, inside, search.best), units)
     if made.reason is None or routes is None:
         return made

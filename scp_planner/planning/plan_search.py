@@ -157,7 +157,7 @@ class PlanSearch(Search[Skeleton, Plan]):
         self,
         scenario: Scenario,
         request: Request,
-        plan_one: Callable[[Request, Skeleton], Plan] = plan_trip,
+        plan_one: Callable[[Request, Skeleton], Plan | None] = plan_trip,
         sources: Sequence[Source[Skeleton, Plan]] = (),
         only: str | None = None,
     ) -> None:
@@ -166,7 +166,7 @@ class PlanSearch(Search[Skeleton, Plan]):
         self.scenario, self.request, self._plan_one, self._only = scenario, request, plan_one, only
         self.map = RoutesOverMap(self)
         built_in: list[Source[Skeleton, Plan]] = [
-            MeetingTimes(self, self._solved),
+            MeetingTimes(self, self.plan_one, self._solved),
             Orders(self, self._solved, request.settings),
             self.map,
             Gears(self, self.plan_one, request.threat_zones),
@@ -188,9 +188,16 @@ class PlanSearch(Search[Skeleton, Plan]):
 
     def plan_one(self, skeleton: Skeleton, budget: Budget, thorough: bool) -> Plan:
         """Plan one trip of a skeleton, and log its work."""
-        request = replace(self.request, budget=budget, thorough=self.request.thorough and thorough)
+        made = self._beating(inf, skeleton, budget, thorough)
+        assert made is not None, "without a known time there is a trip"
+        return made
+
+    def _beating(self, known: float, skeleton: Skeleton, budget: Budget, thorough: bool) -> Plan | None:
+        """Plan one trip of a skeleton that takes less than a known time, s, and log its work."""
+        request = replace(self.request, budget=budget, thorough=self.request.thorough and thorough, known=known)
         made = self._plan_one(request, skeleton)
-        self.log.add(made.timings, made.iterations, made.tried)
+        if made is not None:
+            self.log.add(made.timings, made.iterations, made.tried)
         return made
 
     def _solved(self, skeleton: Skeleton, budget: Budget) -> Plan:
@@ -222,7 +229,7 @@ class PlanSearch(Search[Skeleton, Plan]):
             if skeleton.planned is not None:
                 made = skeleton.planned(budget)
             else:
-                made = self.plan_one(skeleton, budget, True)
+                made = self._beating(self.cutoff, skeleton, budget, True)
         except OutOfTimeError:
             return None
         if made is None or skeleton.exact:

@@ -112,9 +112,13 @@ def may_have_legs(scenario: Scenario) -> bool:
 
 def may_back_up(scenario: Scenario) -> bool:
     """True if a trip may have several legs, where it begins with a heading."""
-    goal, vehicle = scenario.goal, scenario.vehicle
-    plain = scenario.guide is None and goal.target is None and goal.arrival_step is None
-    return plain and (vehicle.reverse is not None or vehicle.max_turn_rate is not None)
+    vehicle = scenario.vehicle
+    return is_plain(scenario) and (vehicle.reverse is not None or vehicle.max_turn_rate is not None)
+
+
+def is_plain(scenario: Scenario) -> bool:
+    """True if manoeuvres are looked for: with no guide, to a goal that stands, at any time."""
+    return scenario.guide is None and scenario.goal.target is None and scenario.goal.arrival_step is None
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,7 @@ class Request:
     constraints: UserConstraints | None = None
     thorough: bool = True
     threat_zones: Sequence[ThreatZone] | None = None
+    known: float = inf  # travel time that a trip has to beat, s
 
     @classmethod
     def of(

@@ -81,3 +81,38 @@ def test_each_leg_keeps_a_users_constraint() -> None:
     assert plan.certified and plan.legs is not None
     times = np.linspace(plan.start_time, plan.arrival_time, 2001)
     assert (plan.position(times) @ normal).max() <= most + 0.01
+
+
+@pytest.mark.parametrize(("radius", "pace"), [(5.0, 1.0), (3.3, 0.5)])
+def test_a_slow_target_inside_of_the_turning_circle_is_met_after_a_loop(radius: float, pace: float) -> None:
+    vehicle = {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 2.0, "max_deceleration": 2.0}
+    target = {"motion": {"position": [2.0, 3.0], "velocity": [pace, 0.0]}}
+    scenario = sp.Scenario(
+        vehicle={**vehicle, "max_curvature": 1.0 / radius},
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 3.0},
+        goal={"target": target, "radius": 0.5},
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified
+    times = np.linspace(0.0, plan.arrival_time, 2001)
+    assert np.abs(plan.curvature(times)).max() <= (1.0 + 1e-6) / radius
+    assert np.hypot(*(plan.position(times)[-1] - [2.0 + pace * times[-1], 3.0])) <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_vehicle_turns_round_past_posts(side: float) -> None:
+    posts = [[1.656, 2.757], [-0.943, 2.884], [-1.165, -4.156]]
+    vehicle = {"radius": 1.0, "max_speed": 1.0, "max_acceleration": 0.5, "max_deceleration": 0.5, "max_curvature": 1.0}
+    scenario = sp.Scenario(
+        vehicle=vehicle,
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": side * np.pi / 8, "speed": 0.0},
+        goal={"position": [-5.0, -7.0 * side]},
+        obstacles=[
+            {"id": f"post{k}", "shape": {"disc": 0.05}, "motion": {"position": [x, side * y]}}
+            for k, (x, y) in enumerate(posts)
+        ],
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified and plan.tried[-1].what == "manoeuvre ahead"
+    place = plan.position(np.linspace(0.0, plan.arrival_time, 2001))
+    assert min(np.hypot(*(place - [x, side * y]).T).min() for x, y in posts) >= 1.05 - 1e-6

@@ -18,7 +18,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.pauses import Budget, OutOfTimeError
 from scp_planner.planning.plan import Plan
 from scp_planner.planning.search import Search, Source
-from scp_planner.planning.task import PlanOne, Skeleton, may_have_legs
+from scp_planner.planning.task import PlanOne, Skeleton, is_plain, may_have_legs
 from scp_planner.routes.manoeuvres import ManoeuvreSearch
 from scp_planner.routes.steered import STEERING, Drive, Steered, SteeredLeg, Steering
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -65,11 +65,17 @@ class Gears(Source[Skeleton, Plan]):
         """True if the vehicle may drive backwards, or turn on the spot."""
         return skeleton.planned is None and may_have_legs(skeleton.scenario)
 
-    def children(self, skeleton: Skeleton, found: Plan | None) -> Iterator[tuple[float, Skeleton]]:  # noqa: ARG002
-        """Yield legs as they are found, and a trip ahead where none is found, or it may be faster."""
-        if self.search.due(skeleton) != self.name:
-            return
+    def children(self, skeleton: Skeleton, found: Plan | None) -> Iterator[tuple[float, Skeleton]]:
+        """Yield legs as they are found, and a trip ahead where none is found, or it may be faster.
+
+        Where one trip came to nothing certified, yield manoeuvres ahead that the vehicle can follow.
+        """
         scenario = skeleton.scenario
+        if self.search.due(skeleton) != self.name:
+            stuck = found is not None and not found.certified and not self.search.certified
+            if stuck and skeleton.planned is None and _may_manoeuvre(scenario):
+                yield from self._ahead_round(skeleton)
+            return
         plans = LegPlans(scenario, self.plan_one, self.zones, self.search.budget)
         least, is_slower = kinematic_bound(scenario), False  # than a trip ahead may be
         with suppress(OutOfTimeError):
@@ -86,6 +92,13 @@ class Gears(Source[Skeleton, Plan]):
         if is_slower or not self.search.certified:
             planned = partial(self._ahead, Skeleton(ahead(scenario)))
             yield _least_ahead(scenario) if is_slower else 0.0, replace(skeleton.after("ahead"), planned=planned)
+
+    def _ahead_round(self, skeleton: Skeleton) -> Iterator[tuple[float, Skeleton]]:
+        plans = LegPlans(skeleton.scenario, self.plan_one, self.zones, self.search.budget)
+        with suppress(OutOfTimeError):
+            for legs in self._manoeuvres(plans):
+                planned = partial(plans.planned, legs)
+                yield legs.time * plans.units.time, replace(skeleton.after("manoeuvre ahead"), planned=planned)
 
     def _ahead(self, skeleton: Skeleton, budget: Budget) -> Plan | None:
         return self.plan_one(skeleton, budget, not self.search.certified)
@@ -284,6 +297,12 @@ def _least_ahead(scenario: Scenario) -> float:
     ends = Pose(start.position, start.heading), Pose(goal.position, goal.heading)
     length = min(path.length for path in shortest_paths(*ends, 1.0 / scenario.vehicle.max_curvature).values())
     return straight_travel_time(length, start.speed, limits, goal.speed)[0]
+
+
+def _may_manoeuvre(scenario: Scenario) -> bool:
+    """True if the vehicle turns in arcs, round what stands."""
+    stands = bool(scenario.walls or scenario.obstacles)
+    return stands and is_plain(scenario) and None not in (scenario.start.heading, scenario.vehicle.max_curvature)
 
 
 def _turns(scenario: Scenario) -> list[tuple[bool, bool]]:

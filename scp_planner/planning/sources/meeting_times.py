@@ -12,7 +12,7 @@ from scp_planner.pauses import Budget
 from scp_planner.planning.plan import Plan
 from scp_planner.planning.search import Search, Source
 from scp_planner.planning.sources.one_meeting import MEETING
-from scp_planner.planning.task import Skeleton
+from scp_planner.planning.task import PlanOne, Skeleton
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.reversing import ahead
 from scp_planner.scenario.units import changed
@@ -28,28 +28,34 @@ class MeetingTimes(Source[Skeleton, Plan]):
 
     name = "meeting"
 
-    def __init__(self, search: Search[Skeleton, Plan], solve: Callable[[Skeleton, Budget], Plan]) -> None:
-        self.search, self.solve = search, solve
+    def __init__(
+        self, search: Search[Skeleton, Plan], plan_one: PlanOne, solve: Callable[[Skeleton, Budget], Plan]
+    ) -> None:
+        self.search, self.plan_one, self.solve = search, plan_one, solve
 
     def decides(self, skeleton: Skeleton) -> bool:
-        """True if a target is to be met over places, or with the gears of the vehicle."""
-        scenario, goal = skeleton.scenario, skeleton.scenario.goal
-        gears = scenario.vehicle.reverse is not None or scenario.vehicle.max_turn_rate is not None
-        return skeleton.planned is None and goal.target is not None and (bool(scenario.goals) or gears)
+        """True if a target is to be met, and the ground is decided, or there are places to pass."""
+        scenario = skeleton.scenario
+        ready = scenario.ground is None or bool(scenario.goals)
+        return skeleton.planned is None and scenario.goal.target is not None and ready
 
     def children(self, skeleton: Skeleton, found: Plan | None) -> Iterator[tuple[float, Skeleton]]:  # noqa: ARG002
-        """Yield a trip ahead, if one may do, and the search for the time."""
+        """Yield one trip ahead, if that may do, and the search for the time where none is certified."""
         if self.search.due(skeleton) != self.name:
             return
         scenario = skeleton.scenario
         if not scenario.goals:
-            yield 0.0, skeleton.after("ahead", ahead(scenario))
-        if not self.search.certified:
+            one = partial(self._ahead, Skeleton(ahead(scenario)))
+            yield 0.0, replace(skeleton.after("one trip"), planned=one)
+        if not self.search.certified and kinematic_bound(scenario) < inf:
             planned = partial(self._met, scenario)
             yield (
                 kinematic_bound(scenario),
                 replace(skeleton.after("time of the meeting", exact=False), planned=planned),
             )
+
+    def _ahead(self, skeleton: Skeleton, budget: Budget) -> Plan | None:
+        return self.plan_one(skeleton, budget, True)
 
     def _met(self, scenario: Scenario, budget: Budget) -> Plan | None:
         target, time = TargetMotion.met(scenario, scenario.goal), kinematic_bound(scenario)

@@ -143,7 +143,7 @@ class Sides(Source[Start, ScpRun]):
         """Yield arcs where there is no homotopy class, or none leads to a fast trip; the fastest cuts off others."""
         search, best = self.search, self.search.best
         task, few = search.task, search.log.tried.total() < over.runs.most_ways
-        if search.known < inf:
+        if search.rival is not None or (search.known < inf and not over.classes):
             return
         if best is not None and best.holds:
             # With more effort than usual: the search itself hardly ever needs them
