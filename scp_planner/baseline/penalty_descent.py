@@ -133,12 +133,14 @@ class _Descents(Search[_Start, CheckedDescent]):
     def is_better(self, result: CheckedDescent, other: CheckedDescent) -> bool:
         return result.better_than(other)
 
+    def is_open(self, skeleton: _Start) -> bool:
+        return skeleton.trip is None
+
     def describe(self, skeleton: _Start) -> str:
         return f"descent {skeleton.number + 1}"
 
     def complete(self, skeleton: _Start) -> CheckedDescent | None:
-        if skeleton.trip is None:
-            return None
+        assert skeleton.trip is not None
         found = self._from(self.ready.near, skeleton.trip, skeleton.number)
         if met_what_was_left_out(self.ready.near, found.verdict):
             found = self._from(self.ready.everything, found.trajectory, skeleton.number)

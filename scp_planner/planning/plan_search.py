@@ -177,7 +177,7 @@ class PlanSearch(Search[Skeleton, Plan]):
         """Return the fastest certified plan, or the best attempt."""
         best = self.explore(skeleton)
         if best is None:
-            best = self.plan_one(Skeleton(self.scenario), Budget.within(0.0), False)
+            best = self._judged(self.plan_one(Skeleton(self.scenario), Budget.within(0.0), False))
         log = self.log
         made = replace(
             best, planned=self.scenario, iterations=log.iterations, timings=log.timings, tried=(*log.skeletons,)
@@ -220,8 +220,6 @@ class PlanSearch(Search[Skeleton, Plan]):
 
     def complete(self, skeleton: Skeleton) -> Plan | None:
         """Plan a skeleton without open decisions, and certify the plan for the scenario."""
-        if self.due(skeleton) is not None:
-            return None
         budget = self.budget if skeleton.exact else self.budget.part(BEFORE_CHECK)
         if skeleton.limit < inf:
             budget = budget.part(limit=skeleton.limit)
@@ -232,8 +230,10 @@ class PlanSearch(Search[Skeleton, Plan]):
                 made = self._beating(self.cutoff, skeleton, budget, True)
         except OutOfTimeError:
             return None
-        if made is None or skeleton.exact:
-            return made
+        return made if made is None or skeleton.exact else self._judged(made)
+
+    def _judged(self, made: Plan) -> Plan:
+        """Certify a plan for the scenario that was asked for."""
         with self.log.timed("certificate"):
             checked = certify(self.scenario, made, self.request.threat_zones, deadline=self.budget.last_check)
         return judged_by(made, self.scenario, checked)

@@ -13,7 +13,7 @@ from math import inf
 from time import perf_counter
 from typing import Any, Generic, Protocol, TypeVar
 
-from scp_planner.pauses import Budget
+from scp_planner.pauses import Budget, OutOfTimeError
 from scp_planner.scp.goal import to_beat
 
 
@@ -37,7 +37,7 @@ class Tried:
     bound : float
         Lower bound, or estimate, of its travel time, s; 0 where there is none.
     result : str
-        ``certified``, ``violated`` or ``slower``.
+        ``certified``, ``violated`` or ``nothing faster``.
     travel_time : float
         Of the trip that came of it, s.
     wall_time : float
@@ -52,7 +52,8 @@ class Tried:
 
     def __str__(self) -> str:
         bound = f", at least {self.bound:.4g} s" if self.bound > 0.0 else ""
-        return f"{self.what}: {self.result}, {self.travel_time:.4g} s{bound}; {1e3 * self.wall_time:.3g} ms"
+        took = f", {self.travel_time:.4g} s" if self.travel_time < inf else ""
+        return f"{self.what}: {self.result}{took}{bound}; {1e3 * self.wall_time:.3g} ms"
 
     def outside(self, unit: float, *decided: str) -> Tried:
         """Return the same after some decisions, with times in s.
@@ -193,7 +194,7 @@ class Search(ABC, Generic[SkeletonT, ResultT]):
 
     @abstractmethod
     def complete(self, skeleton: SkeletonT) -> ResultT | None:
-        """Find the trip of a skeleton; None if it leaves decisions open, or nothing came of it."""
+        """Find the trip of a skeleton that leaves no decision open; None if nothing came of it."""
 
     @abstractmethod
     def describe(self, skeleton: SkeletonT) -> str:
@@ -223,6 +224,10 @@ class Search(ABC, Generic[SkeletonT, ResultT]):
         """Name the source that has to decide about a skeleton next, before a trip is planned; None: there is none."""
         return next((source.name for source in self.sources if source.decides(skeleton)), None)
 
+    def is_open(self, skeleton: SkeletonT) -> bool:
+        """True if a skeleton leaves decisions open."""
+        return self.due(skeleton) is not None
+
     @property
     def out_of_time(self) -> bool:
         """True if the deadline has passed."""
@@ -244,7 +249,7 @@ class Search(ABC, Generic[SkeletonT, ResultT]):
         while waiting and not self.over:
             stream = heappop(waiting)
             if stream.pending is None:
-                proposed = next(stream.children, None)
+                proposed = self._next(stream.children)
                 if proposed is not None:
                     stream.bound, stream.pending = proposed
                     heappush(waiting, stream)
@@ -257,6 +262,13 @@ class Search(ABC, Generic[SkeletonT, ResultT]):
             heappush(waiting, stream)
         return self.best
 
+    def _next(self, children: Iterator[tuple[float, SkeletonT]]) -> tuple[float, SkeletonT] | None:
+        """Return the next skeleton of a source; none if the time is up before it is found."""
+        try:
+            return next(children, None)
+        except OutOfTimeError:
+            return None
+
     def _expand(
         self, skeleton: SkeletonT, found: ResultT | None, bound: float, waiting: list[_Stream], numbers: Iterator[int]
     ) -> None:
@@ -265,14 +277,18 @@ class Search(ABC, Generic[SkeletonT, ResultT]):
             heappush(waiting, _Stream(source.rank, bound, -next(numbers), iter(source.children(skeleton, found))))
 
     def _try(self, skeleton: SkeletonT, bound: float) -> ResultT | None:
+        if self.is_open(skeleton):
+            return None
         before = self.best
         found = self.complete(skeleton)
+        now = perf_counter()
+        spent, self._clock = now - self._clock, now
         if found is None:
+            self.log.skeletons.append(Tried(self.describe(skeleton), bound, "nothing faster", inf, spent))
             return None
         self.count += 1
         if before is None or self.is_better(found, before):
             self.best = found
-        result, now = "certified" if self.accepts(found) else "violated", perf_counter()
-        spent, self._clock = now - self._clock, now
+        result = "certified" if self.accepts(found) else "violated"
         self.log.skeletons.append(Tried(self.describe(skeleton), bound, result, found.travel_time, spent))
         return found

@@ -65,8 +65,7 @@ class TripSearch(Search[Start, ScpRun]):
 
     def complete(self, skeleton: Start) -> ScpRun | None:
         """Run the loop from a start; nothing comes of a run that was cut off."""
-        if skeleton.run is None:
-            return None
+        assert skeleton.run is not None
         before, self.gained = self.best, 0.0
         found = skeleton.run()
         if found is None:
@@ -79,6 +78,10 @@ class TripSearch(Search[Start, ScpRun]):
             self.gained = before.travel_time / found.travel_time - 1.0 if before is not None and before.holds else inf
             skeleton.over.certified = True
         return found
+
+    def is_open(self, skeleton: Start) -> bool:
+        """True if starts over a guide are still to be found."""
+        return skeleton.run is None
 
     def describe(self, skeleton: Start) -> str:
         """Name a start."""

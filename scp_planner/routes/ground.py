@@ -12,7 +12,7 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.convex_pieces import in_convex
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polylines import lengths_along, points_at
-from scp_planner.pauses import Budget
+from scp_planner.pauses import Budget, OutOfTimeError
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MAPS, MapRoutes, straightened
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -72,7 +72,7 @@ class MapLines:
         bare = changed(scenario, ground=None)
         found = zones(bare) if bare.obstacles or bare.walls else ()
         self.standing = standing_shapes(ZoneBatch.of(found, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.0))
-        self.routes = MapRoutes(scenario, self.map, self.standing)
+        self.routes = MapRoutes(scenario, self.map, self.standing, budget)
 
     def lines(self) -> tuple[Array | None, Array | None]:
         """Return the shortest line and one that the vehicle can follow, (n, 2) m each; None where there is none."""
@@ -85,8 +85,9 @@ class MapLines:
         ends = [changed(goal, position=one.position, radius=one.within(vehicle)) for one in self.scenario.goals]
         found, begin = list[Array](), start
         for end in (*ends, goal):
-            self.budget.check()
-            piece = MapRoutes(changed(self.scenario, start=begin, goal=end), self.map, self.standing).route()
+            piece = MapRoutes(
+                changed(self.scenario, start=begin, goal=end), self.map, self.standing, self.budget
+            ).route()
             if piece is None:
                 return None
             found.append(np.concatenate([[begin.position], piece[1:-1], [end.position]]))
@@ -110,7 +111,11 @@ class MapLines:
                 break
             middle = 0.5 * (fits + too_large)
             smaller = changed(self.scenario, vehicle=changed(self.scenario.vehicle, radius=middle))
-            if MapRoutes(smaller, self.map, self.standing).route() is None:
+            try:
+                found = MapRoutes(smaller, self.map, self.standing, self.budget).route()
+            except OutOfTimeError:
+                break
+            if found is None:
                 too_large = middle
             else:
                 fits = middle

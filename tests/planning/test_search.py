@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import inf
 
+import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
 
@@ -53,12 +54,13 @@ class Numbers(Search[str, Number]):
     def is_better(self, result: Number, other: Number) -> bool:
         return (not self.accepts(result), result.travel_time) < (not self.accepts(other), other.travel_time)
 
+    def is_open(self, skeleton: str) -> bool:
+        return len(skeleton) < 3
+
     def describe(self, skeleton: str) -> str:
         return skeleton
 
     def complete(self, skeleton: str) -> Number | None:
-        if len(skeleton) < 3:
-            return None
         self.completed.append(skeleton)
         return Number(float(skeleton))
 
@@ -110,6 +112,7 @@ def test_guides_of_a_user_are_tried_and_the_plan_says_so() -> None:
     alone, drawn = sp.plan(given), sp.plan(given, sources=[Drawn()])
     assert "drawn guide" in {one.what for one in drawn.tried}
     assert "drawn guide" not in {one.what for one in alone.tried}
+    assert next(one for one in drawn.tried if one.what == "drawn guide").result == "nothing faster"
     assert drawn.certified and drawn.travel_time <= alone.travel_time * (1.0 + 1e-9)
 
 
@@ -144,3 +147,12 @@ def test_a_gap_is_proven_where_it_is_asked_for() -> None:
     assert proven.lower_bound <= 20.0 + 0.8 - 3.0
     with pytest.raises(ValueError, match="prove"):
         sp.plan(given, prove=-0.1)
+
+
+def test_a_time_limit_over_a_map_is_kept_by_the_search_for_routes() -> None:
+    """In no time there is no route, and a trip that was not checked against the cells is not certified."""
+    cells = np.zeros((300, 300), dtype=bool)
+    cells[:200, 150:152] = True
+    given = scene(goal={"position": [20.0, 0.0]}, ground={"map": sp.OccupancyMap(cells, 0.1, (-5.0, -5.0))})
+    assert not sp.plan(given, time_limit=0.0).certified
+    assert sp.plan(given).certified
