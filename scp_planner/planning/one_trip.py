@@ -58,7 +58,9 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
     elif line is not None:
         known = on_line(task, (line - units.origin) / units.length, request.known / units.time)
     if known is not None:
-        return known.best and _told(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
+        if known.best is None:
+            return None
+        return _told(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
     runs, routes, first = prepare(task)
     if first is not None:
         # The scene's units are those of the trip, which is longer than the straight line to the goal
