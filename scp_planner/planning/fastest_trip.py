@@ -68,9 +68,9 @@ def from_trip(task: Task, trip: Trajectory) -> TripSearch:
     return search
 
 
-def on_line(task: Task, line: Array, known: float = inf) -> TripSearch:
+def on_line(task: Task, line: Array) -> TripSearch:
     """Search over a guide along a line, (n, 2) m from start to goal in the units of the scene."""
-    search = TripSearch(CheckedRuns(task, guide_on(task.scenario, line, for_scene(task.settings))), known)
+    search = TripSearch(CheckedRuns(task, guide_on(task.scenario, line, for_scene(task.settings))))
     search.sources = [Sides(search), StricterLimits(search), Refinements(search)]
     search.explore(Start(SCENE, OverGuide(search.runs)))
     return search

@@ -56,7 +56,7 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
     if skeleton.begin is not None:
         known = from_trip(task, skeleton.begin.inside(units).trajectory)
     elif line is not None:
-        known = on_line(task, (line - units.origin) / units.length, request.known / units.time)
+        known = on_line(task, (line - units.origin) / units.length)
     if known is not None:
         if known.best is None:
             return None

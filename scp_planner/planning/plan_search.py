@@ -227,7 +227,9 @@ class PlanSearch(Search[Skeleton, Plan]):
             if skeleton.planned is not None:
                 made = skeleton.planned(budget)
             else:
-                made = self._beating(self.cutoff, skeleton, budget, True)
+                # A line over a map is only about the route of its trip: what begins slower may end faster
+                known = self.cutoff if skeleton.line is None else inf
+                made = self._beating(known, skeleton, budget, True)
         except OutOfTimeError:
             return None
         return made if made is None or skeleton.exact else self._judged(made)
