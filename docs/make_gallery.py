@@ -52,7 +52,7 @@ def main(*names: str) -> None:
 def as_on_a_quiet_machine() -> Iterator[None]:
     """Let plans tell the processor's time, whatever else is going on; the first one, which loads much, has been."""
     sp.plan(builtin.load("headon"))
-    with patch("scp_planner.planning.offline.perf_counter", process_time):
+    with patch("scp_planner.pauses.perf_counter", process_time):
         yield
 
 

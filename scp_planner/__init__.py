@@ -27,8 +27,11 @@ if TYPE_CHECKING:
     from scp_planner.planning.meeting import Meeting as Meeting
     from scp_planner.planning.meeting import meeting as meeting
     from scp_planner.planning.meeting import meetings as meetings
-    from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
+    from scp_planner.planning.plan_search import plan as plan
+    from scp_planner.planning.search import Source as Source
+    from scp_planner.planning.search import Tried as Tried
+    from scp_planner.planning.task import Skeleton as Skeleton
     from scp_planner.scenario.estimates import Estimate as Estimate
     from scp_planner.scenario.map_files import load_map as load_map
     from scp_planner.scenario.map_files import save_map as save_map
@@ -80,7 +83,9 @@ _NAMES_OF = {
     "online.predictor": "Predictor",
     "online.reasons": "ReasonCode",
     "planning.meeting": "Meeting meeting meetings",
-    "planning.offline": "plan",
+    "planning.plan_search": "plan",
+    "planning.search": "Source Tried",
+    "planning.task": "Skeleton",
     "planning.plan": "Plan",
     "scenario.estimates": "Estimate",
     "scenario.map_files": "load_map save_map",

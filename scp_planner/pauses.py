@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextvars import copy_context
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Semaphore, Thread, current_thread
 from time import perf_counter
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -17,6 +17,9 @@ GoOn: TypeAlias = Callable[[], None]
 """Raises an error to end it all."""
 
 SEARCH_BYTES = 165_000_000  # that a search takes at most; all else of a plan has a bound of its own
+PREPARING, LEAST_PREPARING = 0.85, 0.01  # of the time limit, and s: after that the rest is too little to plan in
+CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
+BEFORE_CHECK = 0.9  # of the time that is left, for a trip whose certificate among more follows
 IN_A_ROW = 16  # of many things, until it is asked whether to go on: work on fewer of them is never ended
 
 T = TypeVar("T")
@@ -28,7 +31,7 @@ class OutOfTimeError(Exception):
 
 @dataclass
 class Budget:
-    """Time, steps and memory that a search may take.
+    """Time, steps and memory that a search may take: one clock for all that a call does.
 
     Parameters
     ----------
@@ -38,11 +41,64 @@ class Budget:
         Number of its steps, such as trips of legs, that may still be taken.
     size : float
         Memory that may still be taken, bytes.
+    begun : float, optional
+        Value of :func:`time.perf_counter` at which it began, s; default: now.
     """
 
     deadline: float = math.inf
     steps: float = math.inf
     size: float = SEARCH_BYTES
+    begun: float = field(default_factory=perf_counter)
+
+    @classmethod
+    def within(cls, limit: float | None) -> Budget:
+        """Return a budget that begins now; a wall time of None has no end, s."""
+        begun = perf_counter()
+        return cls(math.inf if limit is None else begun + limit, begun=begun)
+
+    @property
+    def is_over(self) -> bool:
+        """True if the deadline has passed."""
+        return perf_counter() > self.deadline
+
+    @property
+    def left(self) -> float:
+        """Wall time that is left, s."""
+        return max(self.deadline - perf_counter(), 0.0) if self.deadline < math.inf else math.inf
+
+    @property
+    def spent(self) -> float:
+        """Wall time since it began, s."""
+        return perf_counter() - self.begun
+
+    @property
+    def last_check(self) -> float:
+        """Value of :func:`time.perf_counter` at which the last certificate is given up, s."""
+        return self.deadline + CHECKING * (self.deadline - self.begun) + LEAST_CHECKING
+
+    @property
+    def go_on(self) -> GoOn | None:
+        """Asked while a scene is made ready: raises an error where too little time would be left to plan in."""
+        if self.deadline == math.inf:
+            return None
+        limit = self.deadline - self.begun
+        until = self.begun + PREPARING * limit + LEAST_PREPARING
+
+        def go_on() -> None:
+            if perf_counter() > until:
+                raise OutOfTimeError(
+                    f"time_limit: most of {limit:.3g} s is over before all obstacles are ready to be looked at, and"
+                    " without them no trip is safe: with more time, fewer observations of each, fewer corners of"
+                    " polygons, or without obstacles that are never met, it can be planned"
+                )
+
+        return go_on
+
+    def part(self, share: float = 1.0, limit: float = math.inf) -> Budget:
+        """Return a budget that begins now: a share of the time that is left, or a wall time, s, if that is less."""
+        now = perf_counter()
+        left = max(self.deadline - now, 0.0)
+        return Budget(now + min(share * left, limit), size=self.size, begun=now)
 
     def check(self) -> None:
         """Give up work that is late; suspend a coroutine whose slice has ended."""
@@ -60,7 +116,9 @@ class Budget:
 
 def look_at_the_clock(deadline: float) -> None:
     """Give up work that is late; suspend a coroutine whose slice has ended."""
-    Budget(deadline).check()
+    pause()
+    if perf_counter() > deadline:
+        raise OutOfTimeError
 
 
 class Coroutine(Generic[T]):

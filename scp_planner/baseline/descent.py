@@ -19,7 +19,7 @@ from scp_planner.baseline.tolerances import REPAIRABLE, SETTLED_EXCESS, TARGET
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
-from scp_planner.planning.attempts import CheckedRun
+from scp_planner.planning.checked import CheckedRun
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from time import perf_counter
+from math import inf
 
 import numpy as np
 
@@ -12,13 +12,13 @@ from scp_planner.baseline.descent import DESCENT, CheckedDescent, Descent, check
 from scp_planner.baseline.descent_run import DescentSettings, DescentStatus
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.errors import TooLargeError
-from scp_planner.pauses import OutOfTimeError
-from scp_planner.planning.attempts import ATTEMPTS, Attempt, ReadyProblem, Search, Tally, met_what_was_left_out
+from scp_planner.pauses import Budget, OutOfTimeError
+from scp_planner.planning.checked import QUALITY, ReadyProblem, met_what_was_left_out
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.planning.search import Search, SearchLog, Source
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import check_obstacles
-from scp_planner.problem.preparation import asked_for_time
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -28,6 +28,14 @@ from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A start by its number; without a trip the root."""
+
+    number: int = 0
+    trip: Trajectory | None = None
 
 
 def penalty_descent(
@@ -68,25 +76,25 @@ def penalty_descent(
         If it would take too much memory, or its many obstacles cannot even be made ready in the time; with the
         reason, and what to change.
     """
-    began = perf_counter()
+    budget = Budget.within(time_limit)
     settings, descent = settings or Settings(), descent or DescentSettings()
-    deadline = np.inf if time_limit is None else began + time_limit
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
-    go_on = None if time_limit is None else asked_for_time(time_limit, began)
-    tally, scene = Tally("build", "search", "descent", "certificate"), for_scene(settings, units)
+    go_on = budget.go_on
+    log, scene = SearchLog("build", "search", "descent", "certificate"), for_scene(settings, units)
     try:
         inside = units.scenario(scenario, go_on)
         zones = tuple(ZonesOf(inside, go_on))
     except OutOfTimeError as error:
         raise TooLargeError(str(error)) from None
-    with tally.timed("build"):
+    with log.timed("build"):
         ready = ReadyProblem.of(build_problem(inside, zones, scene))
     only = None if start is None else _as_start(ready.near, start, units)
-    enough = ready.lower_bound * (1.0 + ATTEMPTS.good_enough / scene.effort)
-    search = Search[CheckedDescent](tally, deadline, ready.lower_bound, enough)
-    search.walk([_Descents(ready, zones, scene, descent, seed, only)])
-    best = search.best
+    enough = ready.lower_bound * (1.0 + QUALITY.good_enough / scene.effort)
+    search = _Descents(ready, zones, enough, budget, log)
+    search.descent, search.seed = descent, seed
+    search.sources = [_Starts(search, scene, only)]
+    best = search.explore(_Start())
     assert best is not None, "there is always a start"
     trip = Trip(ready.near.frame, best.trajectory.settled()).outside(units)
     certificate = best.verdict.outside(units)
@@ -98,64 +106,81 @@ def penalty_descent(
         trip=trip,
         method="penalty-descent",
         solver=descent.variant.value,
-        iterations=tally.iterations,
-        wall_time=perf_counter() - began,
+        iterations=log.iterations,
+        wall_time=budget.spent,
         clearance=certificate.clearance,
         limits=certificate.limits,
         lower_bound=ready.lower_bound * units.time,
         planned=scenario,
-        timings=tally.timings,
+        timings=log.timings,
         converged=best.run.status is DescentStatus.CONVERGED,
     )
 
 
-@dataclass
-class _Descents(Attempt[Search[CheckedDescent], CheckedDescent]):
-    """Descents from one start after the other, as long as they may lead to faster trips; or from the only start."""
+class _Descents(Search[_Start, CheckedDescent]):
+    """Descents from starts, as long as they may lead to faster trips."""
 
-    ready: ReadyProblem
-    threat_zones: tuple[ThreatZone, ...]
-    settings: SceneSettings
-    descent: DescentSettings
-    seed: int
-    only: Trajectory | None
+    def __init__(
+        self, ready: ReadyProblem, zones: Sequence[ThreatZone], enough: float, budget: Budget, log: SearchLog
+    ) -> None:
+        super().__init__(log, budget, least=ready.lower_bound, enough=enough)
+        self.ready, self.threat_zones = ready, tuple(zones)
+        self.descent, self.seed = DescentSettings(), 0
 
-    what = "descent"
+    def accepts(self, result: CheckedDescent) -> bool:
+        return result.holds
 
-    def __post_init__(self) -> None:
-        self.most = 1 if self.only is not None else self.settings.max_runs
+    def is_better(self, result: CheckedDescent, other: CheckedDescent) -> bool:
+        return result.better_than(other)
 
-    def runs(self, search: Search[CheckedDescent]) -> Iterator[CheckedDescent]:
-        best_estimate = 0.0  # of the start of the best trip, s
-        for number, (estimate, start) in enumerate(self._starts(search)):
-            best = search.best
-            if search.out_of_time and best is not None:
-                return
-            if best is not None and best.holds and estimate - best_estimate - DESCENT.estimate_slack > 0.0:
-                return
-            found = self._from(search, self.ready.near, start, number)
-            if met_what_was_left_out(self.ready.near, found.verdict):
-                found = self._from(search, self.ready.everything, found.trajectory, number)
-            yield found
-            best_estimate = estimate if search.best is found else best_estimate
+    def is_open(self, skeleton: _Start) -> bool:
+        return skeleton.trip is None
 
-    def _starts(self, search: Search[CheckedDescent]) -> Iterator[tuple[float, Trajectory]]:
-        if self.only is not None:
-            yield self.only.travel_time, self.only
-            return
-        found = starts(self.ready.near, self.settings.searches, search.deadline)
-        while True:
-            with search.tally.timed("search"):
-                item = next(found, None)
-            if item is None:
-                return
-            yield item
+    def describe(self, skeleton: _Start) -> str:
+        return f"descent {skeleton.number + 1}"
 
-    def _from(self, search: Search[CheckedDescent], problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
-        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=search.deadline)
-        found = checked_descent(problem, self.threat_zones, descent, search.tally.timings)
-        search.tally.iterations += found.run.iterations
+    def complete(self, skeleton: _Start) -> CheckedDescent | None:
+        assert skeleton.trip is not None
+        found = self._from(self.ready.near, skeleton.trip, skeleton.number)
+        if met_what_was_left_out(self.ready.near, found.verdict):
+            found = self._from(self.ready.everything, found.trajectory, skeleton.number)
         return found
+
+    def _from(self, problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
+        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=self.budget.deadline)
+        found = checked_descent(problem, self.threat_zones, descent, self.log.timings)
+        self.log.iterations += found.run.iterations
+        return found
+
+
+class _Starts(Source[_Start, CheckedDescent]):
+    """The starts that the planner tries, the fastest estimate first; or the only one."""
+
+    name = "starts"
+
+    def __init__(self, search: _Descents, settings: SceneSettings, only: Trajectory | None) -> None:
+        self.search, self.settings, self.only = search, settings, only
+
+    def children(
+        self,
+        skeleton: _Start,
+        found: CheckedDescent | None,  # noqa: ARG002
+    ) -> Iterator[tuple[float, _Start]]:
+        if skeleton.trip is not None:
+            return
+        if self.only is not None:
+            yield 0.0, _Start(0, self.only)
+            return
+        search, estimated = self.search, 0.0  # estimate of the start of the best trip, s
+        estimates = starts(search.ready.near, self.settings.searches, search.budget.deadline)
+        for number in range(self.settings.max_runs):
+            with search.log.timed("search"):
+                estimate, start = next(estimates, (inf, None))
+            if start is None or (search.certified and estimate - estimated - DESCENT.estimate_slack > 0.0):
+                return
+            before = search.cutoff
+            yield 0.0, _Start(number, start)
+            estimated = estimate if search.cutoff < before else estimated
 
 
 def _as_start(problem: Problem, start: Plan | Trajectory, units: NaturalUnits) -> Trajectory:

@@ -35,6 +35,7 @@ class Options:
     settings: Settings = field(default_factory=Settings)
     time_limit: float | None = None  # Wall time for one scenario, s
     samples: int = 200
+    prove: float | None = None  # Relative gap to prove
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "method", word_of(PlanningMethod, self.method, "method"))
@@ -47,7 +48,7 @@ class Options:
             for each in fields(Settings)
             if (value := getattr(self.settings, each.name)) != getattr(usual, each.name)
         }
-        own = {"method": self.method, "time_limit": self.time_limit}
+        own = {"method": self.method, "time_limit": self.time_limit, "prove": self.prove}
         return " ".join(f"{name}={value}" for name, value in {**own, **changed}.items() if value is not None)
 
 
@@ -134,9 +135,9 @@ def planned(scenario: Scenario, options: Options) -> Plan:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
         return penalty_descent(scenario, options.settings, time_limit=options.time_limit)
-    from scp_planner.planning import offline
+    from scp_planner.planning import plan_search
 
-    return offline.plan(scenario, options.settings, time_limit=options.time_limit)
+    return plan_search.plan(scenario, options.settings, time_limit=options.time_limit, prove=options.prove)
 
 
 def digest_of(scenario: Scenario) -> str:

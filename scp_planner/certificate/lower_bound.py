@@ -66,6 +66,7 @@ def lower_bound(
     at_most: float | None = None,
     threat_zones: tuple[ThreatZone, ...] | None = None,
     time_limit: float | None = None,
+    gap: float | None = None,
 ) -> float:
     """Return a travel time that no trip among the obstacles is shorter than.
 
@@ -79,6 +80,9 @@ def lower_bound(
         The scenario's zones, if they are at hand.
     time_limit : float, optional
         Wall time in s after which the best bound so far is returned.
+    gap : float, optional
+        Relative: a bound from which ``at_most`` is no farther is good enough. That is asked first, once, which is far
+        quicker than to look for the best bound.
 
     Returns
     -------
@@ -101,11 +105,15 @@ def lower_bound(
         found = ZonesOf(inside, go_on) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     except NotDecided:
         return kinematic_bound(scenario)
-    return bound_among(inside, None if at_most is None else at_most / units.time, found, deadline) * units.time
+    return bound_among(inside, None if at_most is None else at_most / units.time, found, deadline, gap) * units.time
 
 
 def bound_among(
-    scenario: Scenario, at_most: float | None, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
+    scenario: Scenario,
+    at_most: float | None,
+    threat_zones: Sequence[ThreatZone],
+    deadline: float = np.inf,
+    gap: float | None = None,
 ) -> float:
     """Return :func:`lower_bound` of a scenario in natural units."""
     if scenario.goal.target is not None:
@@ -113,7 +121,7 @@ def bound_among(
     least = ground_bound(scenario, threat_zones, deadline)
     if not scenario.obstacles or not np.isfinite(least):
         return least
-    return _Bisection(scenario, tuple(threat_zones), least, deadline).bound(at_most)
+    return _Bisection(scenario, tuple(threat_zones), least, deadline).bound(at_most, gap)
 
 
 class _Bisection:
@@ -124,22 +132,33 @@ class _Bisection:
         self.least = self.excluded = least
         self.deadline = deadline
 
-    def bound(self, at_most: float | None) -> float:
-        """Return it, at most a duration that is known to be possible, s."""
+    def bound(self, at_most: float | None, gap: float | None = None) -> float:
+        """Return it, at most a duration that is known to be possible, s; one that is near enough to that will do."""
+        wanted = None if at_most is None or gap is None else at_most / (1.0 + gap)
         try:
-            self._look(at_most)
+            if wanted is None or not self._excludes(wanted):
+                self._look(wanted or at_most, quickly=wanted is not None)
         except NotDecided:
             pass
         return self.excluded
 
-    def _look(self, at_most: float | None) -> None:
+    def _excludes(self, duration: float) -> bool:
+        """True if a duration is excluded, s, which is asked once with few cells, and once with many."""
+        for cells in (SIZE.few_cells, SIZE.cells):
+            if duration <= self.least or not self._relaxation(duration, cells).possible(duration):
+                self.excluded = max(self.excluded, duration)
+                return True
+        return False
+
+    def _look(self, at_most: float | None, *, quickly: bool = False) -> None:
         if at_most is None:
             at_most = self._first_possible()
         if at_most is None:
             return
         precision = BISECTION.precision * self.least
         # More cells exclude hardly more: it is looked for from below, in steps that grow.
-        for cells, step in ((SIZE.some_cells, np.inf), (SIZE.cells, BISECTION.first_step * precision)):
+        finer = () if quickly else ((SIZE.cells, BISECTION.first_step * precision),)
+        for cells, step in ((SIZE.some_cells, np.inf), *finer):
             if at_most - self.excluded > precision:
                 self._narrow(at_most, cells, step)
 

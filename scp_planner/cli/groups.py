@@ -13,12 +13,14 @@ from scp_planner.cli.options import (
     Assignments,
     Json,
     MethodName,
+    Prove,
     Quiet,
     Samples,
     Seed,
     SolverName,
     TimeLimit,
     Verbose,
+    check_number,
     check_solver,
     check_time_limit,
     keyword_settings,
@@ -43,16 +45,18 @@ class PlanOptions:
     seed: Seed = 0  # there is nothing to draw
     time_limit: TimeLimit = None
     samples: Samples = 200
+    prove: Prove = None
 
     def check(self) -> None:
         """Refuse a solver that is not there, and a limit in which nothing can be done."""
         check_solver(self.solver, self.method)
+        check_number("--prove", self.prove, 0.0)
         check_time_limit(self.time_limit)
 
     @property
     def options(self) -> Options:
         """Options of the planner."""
-        return Options(self.method, replace(Settings(), **self.values), self.time_limit, self.samples)
+        return Options(self.method, replace(Settings(), **self.values), self.time_limit, self.samples, self.prove)
 
     @property
     def values(self) -> dict[str, Any]:

@@ -147,6 +147,10 @@ NoiseSeed = Annotated[int, _seed("Seed of the noise, 0 or more; same seed, same 
 TimeLimit = Annotated[
     float | None, typer.Option("--time-limit", metavar="S", help="Seconds to plan in; default: no limit.")
 ]
+Prove = Annotated[
+    float | None,
+    typer.Option("--prove", metavar="GAP", help="Relative gap to prove: 0.01 asks whether any trip is 1 % faster."),
+]
 Samples = Annotated[int, typer.Option("--samples", metavar="N", callback=at_least(2), help="Samples in the plan file.")]
 Workers = Annotated[
     int | None,

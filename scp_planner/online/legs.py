@@ -24,9 +24,9 @@ from scp_planner.online.safety_gate import Moment, Vetted
 from scp_planner.online.stops import STOPS, standing_trip
 from scp_planner.online.tolerances import OFF
 from scp_planner.pauses import Coroutine
-from scp_planner.planning.legs import LEGS, LegSearch
-from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.planning.plan_search import plan_of_legs, planned
+from scp_planner.planning.sources.gears import GEARS
 from scp_planner.scenario.models import Goal, Scenario, Start
 from scp_planner.scenario.reversing import ahead, backwards, with_lines
 from scp_planner.scenario.units import changed
@@ -84,7 +84,7 @@ class LegsAhead:
         scene = self.asked
         if self.legs:
             trip = self.legs[0].trip
-            at = np.linspace(0.0, 1.0, 2 if trip.trajectory.space.guide.straight else LEGS.corners + 1)
+            at = np.linspace(0.0, 1.0, 2 if trip.trajectory.space.guide.straight else GEARS.corners + 1)
             places = trip.frame.to_world(trip.trajectory.path.points(at).position).tolist()
             scene = changed(scene, guide=tuple((x, y) for x, y in places))
         if self.onward:
@@ -212,7 +212,7 @@ class LegsAhead:
             vehicle, start = self.asked.vehicle, changed(self.start(state), speed=0.0)
             roomy = changed(vehicle, radius=vehicle.radius + means.following.room)
             scene = changed(self.asked, vehicle=roomy, start=start, obstacles=())
-            self._search = Coroutine(lambda: LegSearch(scene, one, zones).run())
+            self._search = Coroutine(lambda: plan_of_legs(scene, one, zones))
             self._from = state
         if self._search.resume(now.deadline):
             self._ended = now.cycle

@@ -37,12 +37,12 @@ from scp_planner.online.remaining import State, _guide_from, bounds_round, drive
 from scp_planner.online.safety_gate import SAFETY_GATE, Moment, Refusal, SafetyGate, Stop, Vetted
 from scp_planner.online.stops import STOPS, Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.tolerances import OFF
-from scp_planner.planning.along_routes import guide_on
-from scp_planner.planning.offline import GETS_AWAY, planned
+from scp_planner.planning.explain import GETS_AWAY
 from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.planning.plan_search import planned
 from scp_planner.prediction.foresight import foreseen
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.guides import default_guide, guide_over
+from scp_planner.problem.guides import default_guide, guide_on, guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.routes.over_map import MAPS
 from scp_planner.scenario.limits import Limits, straight_trip_time

@@ -13,8 +13,8 @@ from scp_planner.certificate.passing import passes, passes_of
 from scp_planner.online.moving_goal import MOVING_GOAL, doubt, motion_seen
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.remaining import State
-from scp_planner.planning.over_places import Visit, visits
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.routes.visits import Visit, visits
 from scp_planner.scenario.models import Order, Passage, Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.threat_zones.target import Followed

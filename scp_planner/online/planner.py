@@ -41,8 +41,8 @@ from scp_planner.online.route_ahead import MapRouteAhead, RouteAhead
 from scp_planner.online.stops import STOPS
 from scp_planner.online.tolerances import LATE, TIME
 from scp_planner.outputs import output_named
-from scp_planner.planning.legs import may_back_up
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.planning.task import may_back_up
 from scp_planner.prediction.obstacle_tracks import ObstacleTracks
 from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.scenario.places import anchored

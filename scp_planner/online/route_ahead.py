@@ -31,13 +31,13 @@ from scp_planner.online.reasons import Reason, ReasonCode
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import STOPS
 from scp_planner.pauses import Coroutine, pause
-from scp_planner.planning.offline import planned
-from scp_planner.planning.over_map import OVER_MAP, ground_along, leads_through, least_time_along, with_ground
-from scp_planner.planning.over_places import fixed
 from scp_planner.planning.plan import Plan
+from scp_planner.planning.plan_search import planned
+from scp_planner.routes.ground import GROUND, ground_along, leads_through, least_time_along, with_ground
 from scp_planner.routes.outlines import standing_shapes
 from scp_planner.routes.over_map import MapRoutes, straightened
 from scp_planner.routes.roadmap import Roadmap
+from scp_planner.routes.visits import fixed
 from scp_planner.scenario.checks import room_on_map
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario, Start
@@ -300,13 +300,13 @@ def _routes(
 
 def _guide_along(line: Array, scene: Scenario) -> tuple[tuple[float, float], ...]:
     """Return a guide to the goal near to a polyline, (n, 2) m."""
-    straight = straightened(line, OVER_MAP.straight * scene.vehicle.radius)[:-1].tolist()
+    straight = straightened(line, GROUND.straight * scene.vehicle.radius)[:-1].tolist()
     return (*((x, y) for x, y in straight), scene.goal.position)
 
 
 def _ahead(trip: Trip, state: State | Start) -> Array:
     """Return places (n, 2) m on what is left of a trip, from a state on."""
-    times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, OVER_MAP.places)
+    times = np.linspace(state.time, trip.frame.time + trip.trajectory.travel_time, GROUND.places)
     return np.concatenate([[state.position], trip.frame.to_world(trip.positions_at(times[1:]))])
 
 

@@ -1,6 +1,6 @@
 """One plan for one scenario, and why there is none.
 
-May import the search, the loop and all below. Begin with `offline`, whose `attempts` are the list of all that is tried;
-`plan` is the result. `attempts` walks the list: `ways_round` tries ways, `along_routes` other routes, `refinements` go
-on from the best trip. `runs` makes runs of the loop and certifies them.
+May import the search, the loop and all below. Begin with `plan_search`, which holds the function `plan`; the module
+`plan` holds its result. `search` is the one best-first search: over decisions about the scene in `plan_search`, over
+starts of the loop in `starts`. Each kind of decision is a file in `sources`. `runs` certifies runs of the loop.
 """

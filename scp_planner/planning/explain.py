@@ -19,6 +19,10 @@ from scp_planner.threat_zones.of_scenario import covering_radius, is_taken_for_a
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 from scp_planner.trips.trip import Trip
 
+GETS_AWAY = (
+    "no trip meets the target: at no time is it as near to the start as the vehicle can have driven by then, at full"
+    " acceleration up to its top speed"
+)
 _ORDERS = ("standing", "constant velocity", "constant acceleration")
 
 
@@ -91,7 +95,7 @@ def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -
     trifle = min(REPORT.trifle * max(severity.values(), default=0.0), REPORT.small)
     grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
     first = {(each.what, each.obstacle): each for each in reversed(grave)}
-    return [each for each in grave if first[each.what, each.obstacle] is each]
+    return sorted(first.values(), key=lambda each: -severity[each])
 
 
 def _relaxations(scenario: Scenario, told: Sequence[Violation]) -> Iterator[str]:
@@ -141,10 +145,10 @@ def _causes(
 ) -> Iterator[str]:
     """Say what is certainly behind violations, the gravest of which comes first."""
     zones = by_obstacle(threat_zones)
-    for violation in told:
+    for number, violation in enumerate(told):
         if violation.what == "goal speed error":
             yield from _too_short_a_way(scenario, trip)
-        elif violation.what == "curvature" and violation is told[0]:
+        elif violation.what == "curvature" and not number:
             yield f"The tightest turn that is allowed has a radius of {1.0 / violation.allowed:.3g} m"
     cut = [each for each in told if each.obstacle is not None and each.obstacle in zones]
     yield from _uncertainty(scenario, zones, cut)

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.lower_bound import lower_bound
+from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import PlanError
 from scp_planner.files import read_json, write_text
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.outputs import output_named, picture_or_text
+from scp_planner.planning.search import Tried
 from scp_planner.trips.legs import Leg, Legs
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 UNCHECKED = "No time was left to check the trip"
 SAMPLED = ("position", "velocity", "heading", "speed", "acceleration", "curvature")
 """Functions of time in the samples of a plan file."""
-_WORK = ("wall_time", "timings", "planned", "candidates")
+_WORK = ("wall_time", "timings", "planned", "candidates", "tried")
 """Fields about the making of a plan, not about the plan."""
 
 
@@ -95,6 +96,8 @@ class Plan:
         Model, car, problem and aim of CommonRoad that it was planned for; None if it is no plan for one of its models.
     legs : Legs or None
         Legs ahead and backwards, with the vehicle standing between them; None: one trip ahead.
+    tried : tuple of Tried
+        Skeletons that the search tried, in order: the decisions of each, its bound, its result and its time; not saved.
     """
 
     scenario: str
@@ -114,9 +117,10 @@ class Plan:
     stated_status: PlanStatus | None = None
     commonroad: dict[str, Any] | None = None
     legs: Legs | None = None
+    tried: tuple[Tried, ...] = field(default=(), repr=False)
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self._identity == other._identity
+        return isinstance(other, type(self)) and isinstance(self, type(other)) and self._identity == other._identity
 
     def __hash__(self) -> int:
         return hash(self._identity)
@@ -142,6 +146,11 @@ class Plan:
     def certified(self) -> bool:
         """True if the continuous-time certificate holds."""
         return self.status is PlanStatus.CERTIFIED
+
+    @property
+    def explanation(self) -> str:
+        """The reason where there is no certificate, and a line for each skeleton that the search tried."""
+        return "\n".join([*filter(None, [self.reason]), *map(str, self.tried)])
 
     @property
     def gap(self) -> float:
@@ -457,6 +466,7 @@ def judged_by(plan: Plan, scenario: Scenario, found: Certificate) -> Plan:
         reason=None if found.holds else plan.reason or "; ".join(map(str, found.violations)) or UNCHECKED,
         clearance=found.clearance,
         limits=found.limits,
+        lower_bound=kinematic_bound(scenario),
         planned=scenario,
     )
 
@@ -495,3 +505,10 @@ def _legs_written(legs: Legs) -> dict[str, Any]:
         for leg in legs.legs
     ]
     return {"legs": each, "first_heading": legs.first.heading, "last_heading": legs.last.heading}
+
+
+def joined(plans: Sequence[Plan]) -> Plan:
+    """Return one plan of several: each begins where and when the vehicle stands at the end of the one before."""
+    each = [plan.legs or Legs.of(plan.trip) for plan in plans]
+    legs = tuple(leg for one in each for leg in one.legs)
+    return replace(plans[0], legs=Legs(legs, each[0].first, each[-1].last))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from math import dist, pi, remainder, sqrt
+from dataclasses import dataclass, replace
+from math import cos, dist, pi, remainder, sqrt
 
 import numpy as np
 
@@ -12,11 +12,13 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.corridor import known_way
 from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.polylines import points_at
 from scp_planner.mathematics.tolerances import ANGLE_DECIMALS, DECIMALS
 from scp_planner.problem.problem import Problem
+from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.places import anchored
+from scp_planner.scenario.places import Line, anchored
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 from scp_planner.trips.path import Path
@@ -33,6 +35,23 @@ AT_LIMIT = 1e-3  # units of length; a control point that is nearer to its bound 
 MANY_SPANS = 200  # of a path over a curved guide; where there would be more, they get longer as far as bends allow:
 BEND_SPAN = 0.75  # of the radius of the guide's bends, as long as those of a usual scene are at least
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # units of length, and of the distance to the goal: where the vehicle has none
+
+
+@dataclass(frozen=True)
+class RouteGuideSettings:
+    """Guides along routes, and drives along them."""
+
+    looks: float = 0.25  # units of length, between points of a route that are compared with a guide
+    most_looks: int = 1000  # of these: on longer routes they are farther apart
+    aside: float = 0.5  # of the largest offset: as far is a route from a curved guide that serves it
+    steepest: float = 1.28  # rad, of a route over the straight guide, if that serves it
+    spans: int = 100  # of a path over a route, that its bends may need at first
+    to_a_span: float = 2.0  # radii of bends at top speed
+    steady: float = 0.9  # of the speed in the tightest bend
+    stations: int = 400  # of a drive along a guide
+
+
+ROUTE_GUIDES = RouteGuideSettings()
 
 
 def path_spans(guide: Guide, settings: SceneSettings) -> int:
@@ -151,9 +170,9 @@ def _smoothed(polyline: Array, radius: float, settings: SceneSettings) -> Guide:
 
 def _shortened(points: Array, length: float) -> Array:
     """A polyline without the last part that lies within a distance of its end."""
-    if length == 0.0:
-        return points
     away = np.hypot(*(points - points[-1]).T)
+    if away.max() <= length:  # a leg that begins as near as it is to end
+        return points
     last = int(np.flatnonzero(away > length)[-1])
     begin, end = points[last] - points[-1], points[last + 1] - points[-1]
     leg = end - begin
@@ -177,6 +196,50 @@ def guide_along(path: Path, given: Settings) -> CurvedGuide:
     headings = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
     goal = path.points(np.ones(1)).position[0]
     return guide_through(headings, path.arc_length, goal)
+
+
+def guide_on(scenario: Scenario, line: Array, settings: SceneSettings) -> Guide:
+    """Return a guide on a route, (n, 2) m from start to goal, that the vehicle can follow."""
+    limits = Limits.of(scenario, settings.limit_margin).rounded()
+    frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
+    points = frame.to_frame(line)
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    spans = min(ROUTE_GUIDES.spans, length / (ROUTE_GUIDES.to_a_span * bend_radius(points, limits, limits.speed)))
+    return guide_over(points, scenario, limits, settings, spans)
+
+
+def serves(guide: Guide, points: Array, largest: float = 8.0) -> bool:
+    """True if a polyline is an offset of a guide that is nowhere steep."""
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = np.linspace(0.0, along[-1], _looks(along[-1]) + 1)
+    places = points_at(at, along, points)
+    if guide.straight:
+        least = cos(ROUTE_GUIDES.steepest) * (at[1] - at[0])
+        return bool(np.abs(places[:, 1]).max() <= largest and np.diff(places[:, 0]).min() >= least)
+    least = cos(STEEPEST) * (at[1] - at[0])
+    stations = np.linspace(0.0, guide.length, _looks(guide.length) + 1)
+    line = Line(guide.frame(stations).position)
+    far = line.distances(places).max() > ROUTE_GUIDES.aside * largest
+    return not far and bool(np.diff(line.nearest(places)).min() >= least)
+
+
+def _looks(length: float) -> int:
+    return max(2, round(min(length / ROUTE_GUIDES.looks, ROUTE_GUIDES.most_looks)))
+
+
+def drive_along(guide: Guide, problem: Problem, *, steady: bool = False) -> SpeedProfile:
+    """Return the fastest drive along a guide within the limits at each bend, or everywhere at the tightest."""
+    if problem.profile is not None and not steady:
+        return problem.profile
+    limits, stations = problem.limits, np.linspace(0.0, guide.length, ROUTE_GUIDES.stations + 1)
+    with np.errstate(divide="ignore"):
+        allowed = np.minimum(limits.speed, np.sqrt(limits.lateral_acceleration / np.abs(guide.curvature(stations))))
+    if steady:
+        allowed = np.full(len(allowed), ROUTE_GUIDES.steady * allowed.min())
+    start, goal = problem.space.start_speed, problem.ends.goal_speed
+    return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
 
 
 def may_want_another_guide(problem: Problem, path: Path) -> bool:

@@ -13,6 +13,7 @@ from math import inf, pi
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, unit_vectors
+from scp_planner.pauses import Budget
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 
@@ -41,7 +42,13 @@ DRIVABLE = DrivableSettings()
 
 
 def drivable_route(
-    scenario: Scenario, radius: float, ends: tuple[Array, Array, float], free: Mask, left: Array, size: float
+    scenario: Scenario,
+    radius: float,
+    ends: tuple[Array, Array, float],
+    free: Mask,
+    left: Array,
+    size: float,
+    budget: Budget,
 ) -> Array | None:
     """Return places (n, 2), cells, of a route that the vehicle may follow over free cells; None if none is found.
 
@@ -62,6 +69,7 @@ def drivable_route(
     waiting: tuple[np.ndarray, ...] = np.arange(len(headings)), poses[0], none, none, none, none.astype(np.intp)
     made, nearest = len(headings), inf
     while len(waiting[0]) and made < DRIVABLE.most:
+        budget.check()
         now = waiting[3] <= waiting[3].min() + steps.pace[0]
         later = ~now & (waiting[4] <= nearest + DRIVABLE.behind * steps.length)
         number, pose, cost, _, _, cell = (each[now] for each in waiting)

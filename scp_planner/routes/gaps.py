@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scp_planner.errors import TooLargeError
+from scp_planner.pauses import OutOfTimeError
 from scp_planner.routes.roadmap import Roadmap
 from scp_planner.scenario.limits import Box
 
@@ -39,6 +41,22 @@ def widest_gap(roadmap: Roadmap) -> Gap | None:
     names = [roadmap.zones.ids[standing[k]] for k in roadmap.taut.met(line.points).tolist()]
     outside = bool(roadmap.box.room(line.points).min() < 0.0)
     return Gap(2.0 * fits, (*dict.fromkeys(names), *(("the workspace bounds",) if outside else ())))
+
+
+def describe_gap(roadmap: Roadmap, radius: float, unit: float) -> str:
+    """Say how wide the widest passage to the goal is, for a vehicle of a radius, m, with a unit of length, m."""
+    try:
+        gap, taken = widest_gap(roadmap), 2.0 * radius
+    except (OutOfTimeError, TooLargeError):
+        return ". No route leads to the goal"
+    if gap is None:
+        return ". No route leads to the goal, however small the vehicle"
+    between = " and ".join(gap.between)
+    where = f" (past {between})" if between else ""
+    return (
+        f". No route leads to the goal: the widest passage{where} is {gap.width * unit:.3g} m wide,"
+        f" {taken - gap.width * unit:.3g} m less than the vehicle takes"
+    )
 
 
 def _smaller(roadmap: Roadmap, less: float) -> Roadmap:

@@ -15,6 +15,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, unit_vectors
 from scp_planner.pauses import Budget
+from scp_planner.routes.over_map import shortest_over
 from scp_planner.routes.reeds_shepp import along, words
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -44,6 +45,10 @@ class SearchSettings:
     slower: float = 1.1  # times the fastest manoeuvre so far: slower ones are not looked for
     most: int = 6  # manoeuvres, at most
     free_headings: int = 12  # tried at a goal that has none
+    weights: tuple[float, float] = (1.0, 2.0)  # of what is left, where nothing is found with the first one
+    coarse: float = 2.0  # steps: cells of the ground over which the way round what stands bounds what is left
+    most_cells: int = 40_000  # of these: on larger ground the cells are larger
+    diagonal: float = 1.0824  # times the shortest way that one over cells, by eight neighbours, is at most
 
 
 SEARCH = SearchSettings()
@@ -130,9 +135,9 @@ class Room:
         found = [self._least(poses[k : k + SEARCH.at_once]) for k in range(0, len(poses), SEARCH.at_once)]
         return np.concatenate(found) if found else np.zeros(0)
 
-    def exact(self, poses: Array) -> Array:
-        """Least room of the discs at poses (n, 3), (n,) m, without the raster."""
-        places = self._places(poses).reshape(-1, 2)
+    def exact(self, poses: Array, *, reference: bool = False) -> Array:
+        """Least room of the discs at poses (n, 3), or of the one at the ``reference`` point, (n,) m."""
+        places = poses[:, :2] if reference else self._places(poses).reshape(-1, 2)
         rows = max(1, SEARCH.fill // max(self._zones.size, 1))
         found = [self._distances(places[k : k + rows], inf) for k in range(0, len(places), rows)]
         return np.concatenate(found).reshape(len(poses), -1).min(axis=1)
@@ -193,6 +198,37 @@ class Room:
         return room
 
 
+@dataclass(frozen=True)
+class _Ground:
+    """Length of the way to the goal from each cell, round what stands: none is shorter, m."""
+
+    low: Array  # (2,) m
+    size: float  # m, of a cell
+    lengths: Array  # (rows, columns) m
+
+    @classmethod
+    def of(cls, room: Room, ends: tuple[Array, Array], goal_and_start: Array, size: float) -> _Ground:
+        low, high = ends
+        extent = high - low
+        size = max(size, sqrt(float(extent.prod()) / SEARCH.most_cells))
+        columns, rows = (np.ceil(extent / size) + 1).astype(int).tolist()
+        x, y = np.meshgrid(low[0] + size * (np.arange(columns) + 0.5), low[1] + size * (np.arange(rows) + 0.5))
+        places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        free = (room.exact(places, reference=True) >= -sqrt(0.5) * size).reshape(rows, columns)
+        end, begin = np.floor((goal_and_start - low) / size).astype(np.intp)
+        free[end[1], end[0]] = free[begin[1], begin[0]] = True
+        _, cells = shortest_over(free, begin, end)
+        lengths = np.maximum(cells.astype(float) / SEARCH.diagonal - sqrt(2.0), 0.0) * size
+        return cls(low, size, lengths)
+
+    def left(self, poses: Array) -> Array:
+        """Lengths of the ways from poses (n, 3), (n,) m."""
+        last = np.array(self.lengths.shape[::-1]) - 1
+        column, row = np.clip(((poses[:, :2] - self.low) / self.size).astype(np.intp), 0, last).T
+        found: Array = self.lengths[row, column]
+        return found
+
+
 class ManoeuvreSearch:
     """Search for manoeuvres of a scenario, among zones in world coordinates that are inflated by the radius."""
 
@@ -214,6 +250,7 @@ class ManoeuvreSearch:
         raster = SEARCH.raster * self.step
         self.room = Room(scenario, zones.subset(zones.standing), (low, high), raster, self.budget)
         self.slack, self._low = SEARCH.slack * raster, low
+        self._ground = _Ground.of(self.room, (low, high), ends[::-1], SEARCH.coarse * self.step)
         self._count = np.ceil((high - low) / (SEARCH.cell * self.step)).astype(int) + 1
         # From the end that has less room: there are fewer ways out of it than into it
         self.swapped = len(goals) == 1 and not self.first_ahead and self._room_at(goals[0]) < self._room_at(first)
@@ -227,17 +264,30 @@ class ManoeuvreSearch:
         return float(self.room.exact(pose[None])[0])
 
     def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> list[Manoeuvre]:
-        """Find the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster."""
+        """Find the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster.
+
+        Where none is found in time, once more towards the goal, with a bound that is no bound any more.
+        """
+        if self._ground.left(self.first[None])[0] == inf:  # round what stands no way leads there
+            return []
+        for weight in SEARCH.weights:
+            found = self._found(known, without, weight)
+            if found:
+                break
+        return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]
+
+    def _found(
+        self, known: float, without: Collection[tuple[int, ...]], weight: float
+    ) -> dict[tuple[int, ...], Manoeuvre]:
         found: dict[tuple[int, ...], Manoeuvre] = {}
         nodes, best = _Nodes(self.first), dict[int, float]()
         waiting: Index = np.zeros(1, dtype=np.intp)
-        each = len(self.goals)  # Headings that all curves from a node are tried for
-        most = SEARCH.most_nodes // each
+        most = SEARCH.most_nodes
         while len(waiting) and nodes.count < most:
             self.budget.check()
             guess = nodes.guess[waiting]
             least = float(guess.min())
-            if least > SEARCH.slower * known:
+            if least > SEARCH.slower * weight * known:
                 break
             now = guess <= least + SEARCH.together * self.step / max(self.drives.ahead, self.drives.backwards)
             chosen, waiting = waiting[now], waiting[~now]
@@ -249,11 +299,11 @@ class ManoeuvreSearch:
                 known = min(known, made.time)
                 if kind not in found or made.time < found[kind].time:
                     found[kind] = made
-            most = min(most, nodes.count + SEARCH.more_nodes // each) if found else most
-            waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best)])
-        return sorted(found.values(), key=lambda one: one.time)[: SEARCH.most]
+            most = min(most, nodes.count + SEARCH.more_nodes) if found else most
+            waiting = np.concatenate([waiting, self._expanded(nodes, chosen, best, weight)])
+        return found
 
-    def _expanded(self, nodes: _Nodes, chosen: Index, best: dict[int, float]) -> Index:
+    def _expanded(self, nodes: _Nodes, chosen: Index, best: dict[int, float], weight: float) -> Index:
         """Add the poses a step on from some nodes; return those that are better than any before in their cells."""
         steps = [(turn, sign) for sign in (1.0, -1.0) for turn in (0.0, 1.0, -1.0) if self._speed(sign)]
         step, parent = np.repeat(np.array(steps), len(chosen), axis=0), np.tile(chosen, len(steps))
@@ -275,7 +325,7 @@ class ManoeuvreSearch:
         known = np.array([best.get(cell, inf) for cell in flat[first].tolist()])
         better = first[cost[first] < known - SAME * self.step]
         best.update(zip(flat[better].tolist(), cost[better].tolist(), strict=True))
-        left = self._least_left(poses[better], step[better, 1])
+        left = weight * self._least_left(poses[better], step[better, 1])
         return nodes.add(poses[better], cost[better], left, parent[better], step[better])
 
     def _speed(self, sign: float) -> float:
@@ -299,12 +349,16 @@ class ManoeuvreSearch:
         return np.where(there, self.drives.times(pieces), inf)
 
     def _least_left(self, poses: Array, signs: Array) -> Array:
-        """Time from poses to the goal over free ground, (n,) s."""
-        least, rows = np.empty(len(poses)), max(1, SEARCH.at_once // (4 * len(self.goals)))
+        """Time from poses to the goal, by curves over free ground and by the way round what stands, (n,) s."""
+        if len(self.goals) > 1:  # the curves to all of them would take longer than what they spare
+            return self._ground.left(poses) / max(self.drives.ahead, self.drives.backwards)
+        least, rows = np.empty(len(poses)), SEARCH.at_once // 4
         for first in range(0, len(poses), rows):
             self.budget.check()
             some = slice(first, first + rows)
-            least[some] = self._times(self._words(poses[some])[1], signs[some]).min(axis=1)
+            free = self._times(self._words(poses[some])[1], signs[some]).min(axis=1)
+            round_ = self._ground.left(poses[some]) / max(self.drives.ahead, self.drives.backwards)
+            least[some] = np.maximum(free, round_)
         return least
 
     def _shots(self, nodes: _Nodes, chosen: Index) -> Iterator[Manoeuvre]:

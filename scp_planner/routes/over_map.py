@@ -11,7 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, unit_vectors
 from scp_planner.mathematics.occupancy import OccupancyMap, pooled
-from scp_planner.pauses import pause
+from scp_planner.pauses import Budget, pause
 from scp_planner.routes.drivable import drivable_route
 from scp_planner.routes.outlines import StandingShape
 from scp_planner.scenario.models import Scenario
@@ -41,8 +41,15 @@ _EIGHT = np.array([[1, 0], [0, 1], [1, 1], [1, -1]])  # half of the neighbours o
 class MapRoutes:
     """Free cells of a map for a disc, and routes over them."""
 
-    def __init__(self, scenario: Scenario, ground: OccupancyMap, standing: Sequence[StandingShape] = ()) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        ground: OccupancyMap,
+        standing: Sequence[StandingShape] = (),
+        budget: Budget | None = None,
+    ) -> None:
         self.scenario, self.ground, self.standing = scenario, ground, standing
+        self.budget = budget or Budget()
         self.radius = MAPS.more * scenario.vehicle.radius
         self.drivable: Array | None = None
 
@@ -59,25 +66,27 @@ class MapRoutes:
     def _route(self, coarse: OccupancyMap) -> Array | None:
         free = ~_dilated(coarse, self.radius)
         self._without_others(coarse, free)
-        pause()
+        self.budget.check()
         ends = coarse.local([self.scenario.start.position, self.scenario.goal.position])
         begin, end = (self._free_cell(coarse, free, place) for place in ends)
         if begin is None or end is None:
             return None
         band = _band(free, begin, end)
-        path = None if band is None else _shortest(band, begin, end)[0]
+        path = None if band is None else shortest_over(band, begin, end)[0]
         if path is None:
             return None
         route = _route_over(ends, path, free)
         band = _beside(free, route, MAPS.beside * self.radius / coarse.resolution)
-        path, left = _shortest(band, begin, end)
+        path, left = shortest_over(band, begin, end)
         if path is not None:  # between blocks the first one goes from side to side
             route = min(route, _route_over(ends, path, free), key=_length)
         for place, cell in zip(ends, (begin, end), strict=True):  # they may lie beside free cells by less than one
             own = tuple(np.clip(np.floor(place).astype(np.intp), 0, np.array(free.shape[::-1]) - 1)[::-1])
             band[own], left[own] = True, min(left[own], left[cell[1], cell[0]])
-        pause()
-        found = drivable_route(self.scenario, self.radius, (*ends, coarse.yaw), band, left, coarse.resolution)
+        self.budget.check()
+        found = drivable_route(
+            self.scenario, self.radius, (*ends, coarse.yaw), band, left, coarse.resolution, self.budget
+        )
         self.drivable = None if found is None else coarse.world(found)
         return coarse.world(route)
 
@@ -127,7 +136,7 @@ class MapRoutes:
 
     def _round(self, begin: Array, end: Array) -> Array:
         """Cut the nearest cell off a box round a leg till none is left (Liu et al. 2017); all, if the leg is on one."""
-        pause()
+        self.budget.check()
         ground, least = self.ground, MAPS.least * self.radius / self.ground.resolution
         wide = MAPS.wide * self.radius / ground.resolution
         one, other = ground.local([begin, end])
@@ -281,7 +290,7 @@ def _band(free: Mask, begin: Index, end: Index) -> Mask | None:
     return band
 
 
-def _shortest(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array]:
+def shortest_over(free: Mask, begin: Index, end: Index) -> tuple[Array | None, Array]:
     """Shortest path over free cells from one to another, by their eight neighbours: (n, 2) columns and rows.
 
     With it the length of that to the other one from each cell, cells.

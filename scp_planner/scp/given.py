@@ -14,6 +14,8 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate, Violation
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.solvers import QpSolver
+from scp_planner.solvers.cvxpy_solver import CvxpySolver
 from scp_planner.trips.trajectory import Trajectory
 
 ALLOWED = 2e-4  # units of length; largest violation of a given constraint: that of every sampled constraint
@@ -143,3 +145,13 @@ class GivenConstraints:
 
 def _at_least_1d(values: ArrayLike) -> Array:
     return np.atleast_1d(np.asarray(values, dtype=float))
+
+
+def problem_with(
+    problem: Problem, function: UserConstraints, units: NaturalUnits, solver: QpSolver
+) -> tuple[Problem, QpSolver]:
+    """Return a problem with a user's own constraints, and the solver that keeps them."""
+    if not isinstance(solver, CvxpySolver):
+        raise ValueError(f"solver: {solver.name!r} cannot take constraints of one's own; cvxpy can")
+    given = GivenConstraints(problem, function, units)
+    return replace(problem, given=given), solver.keeping(given.on)

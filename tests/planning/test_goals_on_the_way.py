@@ -216,7 +216,6 @@ def test_goals_on_the_way_are_read_written_told_and_drawn(tmp_path: Path) -> Non
         ([NEAR], {"goals_order": "any"}, "goals_order"),
         ([PLACE, {"position": [6.0, 9.0]}], {"bounds": {"min": [-9, -1], "max": [9, 7]}}, r"goals\[1\]\.position"),
         ([{"position": [-8.0, 0.0]}], {}, r"goals\[0\]\.position"),
-        ([PLACE], {"vehicle": {**SLOW_VEHICLE, "reverse": {"max_speed": 0.5}}}, r"vehicle\.reverse"),
     ],
 )
 def test_what_is_not_allowed_is_refused_by_its_key(goals: list[Any], more: dict[str, Any], key: str) -> None:

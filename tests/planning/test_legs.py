@@ -16,8 +16,10 @@ import pytest
 import shapely
 
 import scp_planner as sp
-from scp_planner.planning.legs import LegSearch
+from scp_planner.pauses import Budget
 from scp_planner.planning.plan import PlanStatus
+from scp_planner.planning.plan_search import plan_of_legs
+from scp_planner.planning.sources.gears import LegPlans
 from scp_planner.routes.manoeuvres import ManoeuvreSearch
 from scp_planner.trips.legs import Leg, Legs, Stand
 
@@ -194,7 +196,7 @@ def test_a_leg_waits_only_for_what_is_in_its_way() -> None:
         begins.add(scene.start.time)
         return replace(sp.plan(scene), status=PlanStatus.INFEASIBLE)
 
-    LegSearch(scenario, too_tight, sp.zones(scenario)).run()
+    plan_of_legs(scenario, too_tight, sp.zones(scenario))
     assert begins == {0.0}
 
 
@@ -220,6 +222,24 @@ def test_a_leg_is_held_back_where_somebody_comes_between_two() -> None:
         assert np.hypot(*(disc - walker).T).min() > scenario.vehicle.radius + 0.3 - 1e-6
 
 
+@pytest.mark.parametrize("speed", [None, 0.0])
+def test_out_of_a_dead_end_it_backs_to_a_goal_of_any_heading(speed: float | None) -> None:
+    """There is no room to turn in 6 m between walls 1.6 m apart; the goal lies outside, to the left of the mouth."""
+    vehicle = {**ROBOT, "max_speed": 1.5, "max_curvature": 1.2, "reverse": {"max_speed": 0.8, "max_acceleration": 0.8}}
+    scenario = sp.Scenario(
+        vehicle=vehicle,
+        start={"time": 0.0, "position": [5, 0], "heading": 0.0, "speed": 0.0},
+        goal={"position": [-3, 3], "speed": speed},
+        walls=[box(0, 0.8, 6, 1), box(0, -1, 6, -0.8), box(6, -1, 6.2, 1)],
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified and plan.legs is not None
+    assert plan.legs.legs[0].backward
+    times = np.linspace(plan.start_time, plan.arrival_time, 4001)
+    walls = shapely.MultiPolygon([shapely.Polygon(wall) for wall in scenario.walls])
+    assert shapely.distance(shapely.points(plan.position(times)), walls).min() >= 0.3 - 1e-9
+
+
 def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
     start = {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 0.0}
     shut = [box(3, -1, 3.2, 1), box(5, -1, 5.2, 1), box(3, 1, 5.2, 1.2), box(3, -1.2, 5.2, -1)]
@@ -228,7 +248,7 @@ def test_a_goal_of_any_heading_is_given_up_as_soon_as_one_of_one() -> None:
         goal = {"position": [4, 0], "heading": heading}
         vehicle = {**ROBOT, "max_curvature": 2.0, "reverse": {"max_speed": 1.0}}
         scenario = sp.Scenario(vehicle=vehicle, start=start, goal=goal, walls=shut)
-        search = LegSearch(scenario, lambda scene, *_: sp.plan(scene), sp.zones(scenario))
+        search = LegPlans(scenario, lambda skeleton, *_: sp.plan(skeleton.scenario), sp.zones(scenario), Budget())
         began = process_time()
         assert not ManoeuvreSearch(search.inside, search.batch, search.curvature).run()
         took.append(process_time() - began)

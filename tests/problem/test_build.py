@@ -12,7 +12,7 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.errors import TooLargeError
-from scp_planner.planning import attempts
+from scp_planner.planning.checked import ReadyProblem
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import MOST_BYTES, check_memory, check_obstacles, plan_bytes
 from scp_planner.problem.near_zones import BEYOND, without_far_zones
@@ -205,7 +205,7 @@ def test_what_needs_least_is_never_refused() -> None:
     check_memory(13, 24, 160, 300)
     check_memory(200, 200, 160, 10)
     assert plan_bytes(13, 24, 160, 300) < 0.1 * MOST_BYTES
-    assert attempts.ReadyProblem.of(build_problem(scene(), (), Settings())).near.zones.size == 0
+    assert ReadyProblem.of(build_problem(scene(), (), Settings())).near.zones.size == 0
 
 
 def test_more_obstacles_than_can_be_made_ready_are_refused_at_once() -> None:

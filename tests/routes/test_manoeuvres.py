@@ -11,7 +11,7 @@ from memory import MEGABYTE, traced
 
 import scp_planner as sp
 from scp_planner.pauses import Budget, OutOfTimeError
-from scp_planner.planning.legs import LegSearch
+from scp_planner.planning.sources.gears import LegPlans
 from scp_planner.routes.manoeuvres import ManoeuvreSearch
 
 CAR = {
@@ -28,7 +28,7 @@ def search_to(place: tuple[float, float], budget: Budget | None = None, **scene:
     start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0}
     goal = {"position": place, "heading": 0.0, "speed": 0.0}
     scenario = sp.Scenario(vehicle=CAR, start=start, goal=goal, **scene)
-    legs = LegSearch(scenario, lambda scene, *_: sp.plan(scene), sp.zones(scenario))
+    legs = LegPlans(scenario, lambda skeleton, *_: sp.plan(skeleton.scenario), sp.zones(scenario), Budget())
     return ManoeuvreSearch(legs.inside, legs.batch, legs.curvature, budget)
 
 

@@ -223,16 +223,18 @@ def test_shortest_paths_join_their_ends_and_are_shorter_than_others(radius: floa
 
 def test_the_best_path_becomes_the_guide_where_the_guide_limits_it() -> None:
     """Corners of a polyline without room for wide bends: what is planned over it alone is slower."""
-    from scp_planner.planning.runs import CheckedRuns, Task
-    from scp_planner.planning.trip_search import TripSearch
-    from scp_planner.planning.ways_round import ways_round
+    from scp_planner.planning.runs import CheckedRuns
+    from scp_planner.planning.sources.sides import Sides
+    from scp_planner.planning.starts import SCENE, OverGuide, Start, TripSearch
+    from scp_planner.planning.task import Task
     from scp_planner.threat_zones.of_scenario import zones
 
     scenario = scene(goal={"position": [-12.0, 1.0]})
-    search = TripSearch(CheckedRuns(Task(scenario, zones(scenario), Settings(), np.inf)))
-    search.walk(ways_round(search.runs))
-    assert search.best is not None
-    alone = search.best.travel_time
+    search = TripSearch(CheckedRuns(Task(scenario, zones(scenario), Settings())))
+    search.sources = [Sides(search)]
+    best = search.explore(Start(SCENE, OverGuide(search.runs)))
+    assert best is not None
+    alone = best.travel_time
     plan = sp.plan(scenario)
     assert plan.certified, plan.reason
     assert plan.travel_time < 0.99 * alone

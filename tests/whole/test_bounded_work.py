@@ -21,7 +21,8 @@ from scp_planner.baseline.penalty_descent import penalty_descent
 from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound, no_trip_within
 from scp_planner.certificate.verdict import BEYOND_ZONES
 from scp_planner.errors import TooLargeError
-from scp_planner.planning.runs import CheckedRuns, Task
+from scp_planner.planning.runs import CheckedRuns
+from scp_planner.planning.task import Task
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.scenario.units import NaturalUnits
@@ -185,7 +186,7 @@ def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:
 def test_the_run_along_a_new_guide_starts_with_a_trip_that_arrives() -> None:
     """The accelerations of the last trip may end just before a guide that has become a little longer."""
     scenario = scene(start={"heading": 0.3, "speed": 2.0})
-    runs = CheckedRuns(Task(scenario, sp.zones(scenario), Settings(), np.inf))
+    runs = CheckedRuns(Task(scenario, sp.zones(scenario), Settings()))
     beta = np.full(runs.problem.space.acceleration_size, -0.11)  # stands after 18 m
     assert runs.problem.space.travel_time(20.0, beta) == np.inf
     attempt = runs.along_the_guide(beta, 8.0, np.inf)

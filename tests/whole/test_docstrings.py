@@ -23,7 +23,7 @@ def linter() -> ModuleType:
 def test_every_public_name_is_shown(linter: ModuleType) -> None:
     shown = linter.shown_names()
     assert {
-        "scp_planner.planning.offline.plan",
+        "scp_planner.planning.plan_search.plan",
         "scp_planner.planning.plan.Plan",
         "scp_planner.threat_zones.of_scenario.zones",
     } <= shown, "exported"

@@ -16,8 +16,9 @@ from scp_planner.formats.commonroad.cars import PLANNED, Car, VehicleModel, car_
 from scp_planner.formats.commonroad.checker import SPEED_COLUMN, axle_states, joined
 from scp_planner.formats.commonroad.goals import GoalAim, GoalState
 from scp_planner.formats.commonroad.reading import READING, CommonRoadFile, read_commonroad, scenario_of
-from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
+from scp_planner.planning.plan_search import planned
+from scp_planner.planning.sources.routes import WithoutGuide
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -109,9 +110,7 @@ class _Job:
 
     def scenario(self, trial: _Trial) -> Scenario:
         """Return what is to be planned."""
-        made = scenario_of(
-            self.file, guide=trial.guided, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs
-        )
+        made = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
         return made.model_copy(update={"vehicle": made.vehicle.model_copy(update=trial.soft)})
 
     def planned(self, trial: _Trial, scenario: Scenario) -> CommonRoadPlan:
@@ -120,7 +119,8 @@ class _Job:
         settings = self.settings or road_settings(scenario)
         if trial.quick:
             settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
-        made = planned(scenario, settings, time_limit=None if left == inf else left, thorough=trial.thorough)
+        limit, sources = None if left == inf else left, [WithoutGuide()]
+        made = planned(scenario, settings, time_limit=limit, thorough=trial.thorough, sources=sources)
         return CommonRoadPlan(scenario, replace(made, commonroad=self.told(trial)))
 
     def told(self, trial: _Trial) -> dict[str, Any]:
@@ -190,7 +190,6 @@ class _Trial:
     aim: GoalAim
     quick: bool
     thorough: bool = False
-    guided: bool = True
     discs: int = PLANNED.fewest_discs
     soft: Mapping[str, float] = field(default_factory=dict)
 
@@ -199,8 +198,6 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
     if state.places:
         # What takes longest, and hardly ever finds a trip, comes after all other aims.
         yield _Trial(GoalAim(number), quick=False)
-        # Offsets cannot undo bends of the guide within a span, as close to the start.
-        yield _Trial(GoalAim(number), quick=True, guided=False)
         if state.heading is not None:
             yield _Trial(GoalAim(number, turn=inf), quick=True)
         for depth in TRIALS.depths:
@@ -209,8 +206,7 @@ def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
         return
     for quick in (True, False):
         for way in TRIALS.timed_ways:
-            for guided in (True, False) if quick else (True,):
-                yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick, guided=guided)
+            yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick)
 
 
 def road_settings(scenario: Scenario) -> Settings:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -15,11 +13,12 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner import plan
 from scp_planner.certificate.verdict import off_a_step
-from scp_planner.planning.attempts import Attempt
-from scp_planner.planning.refinements import REFINEMENT, commanded_in_steps
-from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
-from scp_planner.planning.trip_search import TripSearch
-from scp_planner.planning.ways_round import Arcs, Ways, ways_round
+from scp_planner.pauses import Budget
+from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.sources.refinements import REFINEMENT, commanded_in_steps
+from scp_planner.planning.sources.sides import Sides
+from scp_planner.planning.starts import SCENE, OverGuide, Start, TripSearch
+from scp_planner.planning.task import Task
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.goal import ArrivalSteps, to_beat
@@ -27,9 +26,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.search.first_trips import arcs
 from scp_planner.settings.planning import Settings, for_scene
-from scp_planner.solvers.interface import QuadraticProgram, Solution, solver_named
 from scp_planner.trips.trajectory import Trajectory
 
 
@@ -111,7 +108,7 @@ class Scripted:
 def test_a_run_that_nothing_comes_nearer_to_than_it_is_was_not_cut_short(further: LoopStatus, told: LoopStatus) -> None:
     """Else the same start is tried again, with patience, and as much in vain."""
     scenario = scene(disc("in the way", (10.0, 0.0)))
-    runs = CheckedRuns(Task(scenario, sp.zones(scenario), Settings(), np.inf))
+    runs = CheckedRuns(Task(scenario, sp.zones(scenario), Settings()))
     problem = runs.problem
     start = Trajectory.of(problem.space, problem.ends.theta, np.zeros(problem.space.acceleration_size))
     loop = Scripted(runs, start, LoopStatus.ITERATION_LIMIT, further)
@@ -141,58 +138,24 @@ STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.
 
 
 def search_in(scenario: sp.Scenario, settings: Settings | None = None, deadline: float = np.inf) -> TripSearch:
-    task = Task(scenario, sp.zones(scenario), for_scene(settings or Settings()), deadline)
+    budget = Budget(deadline, begun=0.0)
+    task = Task(scenario, sp.zones(scenario), for_scene(settings or Settings()), budget)
     return TripSearch(CheckedRuns(task))
 
 
-class Failed(Attempt[TripSearch, ScpRun]):
-    """Stands for runs from ways round, of which none leads anywhere."""
-
-    what = "way round"
-    most = 100
-
-    def __init__(self, count: int, first: ScpRun | None = None) -> None:
-        self.count, self.first = count, first
-
-    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
-        search.tally.tried[self.what] += self.count
-        if self.first is not None:
-            yield self.first
+def explored(search: TripSearch) -> ScpRun | None:
+    search.sources = [Sides(search)]
+    return search.explore(Start(SCENE, OverGuide(search.runs)))
 
 
-def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did() -> None:
-    """The second way is estimated to be slower than what the first led to, and turns out to be faster."""
+def test_a_class_may_turn_out_better_than_its_estimate_by_as_much_as_another_did() -> None:
+    """The second class is estimated to be slower than what the first led to, and turns out to be faster."""
     search = search_in(STANDING)
-    first, ways = search_in(STANDING), Ways(search.runs)
-    ways.most = 1
-    first.walk([ways])
-    ways = Ways(search.runs)
-    ways.estimate_error = 0.0
-    search.walk([ways])
-    assert search.tally.tried["way round"] > 1
-    assert search.best is not None and first.best is not None
-    assert search.best.holds and search.best.travel_time < first.best.travel_time
-
-
-def test_no_arc_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock stands still, but that the first subproblem takes as long as all that is left."""
-    clock = FakeClock(0.0)
-    clock.rule(monkeypatch)
-    daqp = solver_named("daqp")
-
-    class Slow:
-        name = "slow"
-
-        def solve(self, program: QuadraticProgram) -> Solution:
-            clock.tick = 1.0
-            return daqp.solve(program)
-
-    search = search_in(STANDING, deadline=0.5)
-    search = TripSearch(CheckedRuns(replace(search.task, own_solver=Slow())))
-    assert len(list(arcs(search.runs.problem))) > 3
-    search.walk([Arcs(search.runs)])
-    assert search.tally.tried["arc"] == 2, "the first one, and what it came to, to be judged"
-    assert search.best is not None and not search.best.holds
+    search.sources = [Sides(search, estimate_error=0.0)]
+    found = search.explore(Start(SCENE, OverGuide(search.runs)))
+    first, *others = search.log.skeletons
+    assert others and found is not None and found.holds
+    assert found.travel_time < first.travel_time
 
 
 def test_after_a_search_that_takes_most_of_the_time_there_is_enough_for_one_arc(
@@ -202,48 +165,16 @@ def test_after_a_search_that_takes_most_of_the_time_there_is_enough_for_one_arc(
     clock.rule(monkeypatch)
     search = search_in(STANDING, deadline=0.5)
     clock.tick = 1.0
-    search.walk([Ways(search.runs)])
-    assert search.count == 0 and search.cut_off
-    clock.tick = 0.0
-    search.walk([Arcs(search.runs)])
-    assert search.tally.tried == {"arc": 1}
-    assert search.best is not None and search.best.run.record, "there was time for it"
+    explored(search)
+    assert search.log.tried == {"arc": 1}
 
 
 @pytest.mark.parametrize("covered", [False, True])
 def test_a_goal_that_is_covered_for_good_takes_a_single_arc(covered: bool) -> None:
     lid = disc("lid", (20.0, 0.2 if covered else 3.0), radius=1.0)
     search = search_in(scene(lid))
-    search.walk(ways_round(search.runs))
-    assert (search.tally.tried == {"arc": 1}) is covered
-
-
-@pytest.mark.parametrize(
-    ("thorough", "effort", "ways", "tried"),
-    [
-        (True, 1.0, 1, True),
-        (False, 1.0, 1, False),
-        (True, 1.0, Settings().max_runs, False),
-        (True, 2.0, Settings().max_runs, True),
-    ],
-)
-def test_arcs_are_tried_where_fewer_ways_than_usual_have_failed(
-    thorough: bool, effort: float, ways: int, tried: bool
-) -> None:
-    """More effort does not take their place: more ways are tried with it, and arcs as well."""
-    settings = for_scene(Settings(effort=effort, max_offset=2.0))
-    blocked = scene(disc("all", (12.0, 0.0), radius=7.0))
-    search = TripSearch(CheckedRuns(Task(blocked, sp.zones(blocked), settings, np.inf, thorough=thorough)))
-    failed = search.runs.attempt(next(arcs(search.runs.problem)))
-    assert not failed.holds
-    search.walk([Failed(ways - 1, failed), Arcs(search.runs)])
-    assert (search.tally.tried["arc"] > 0) is tried
-
-
-def test_where_there_is_no_way_arcs_are_tried_however_much_was_over_another_guide() -> None:
-    search = search_in(scene())
-    search.walk([Failed(search.runs.most_ways), Arcs(search.runs)])
-    assert search.best is not None and search.best.certificate is not None
+    explored(search)
+    assert (search.log.tried == {"arc": 1}) is covered
 
 
 # Trips are found that the scenario's guide does not lead to
@@ -251,13 +182,11 @@ def test_where_there_is_no_way_arcs_are_tried_however_much_was_over_another_guid
 
 def test_over_another_guide_only_what_may_be_faster_is_gone_on_with() -> None:
     search = search_in(scene(disc("post", (10.0, 2.0)), guide=[[0.0, 0.0], [10.0, 3.0], [20.0, 0.0]]))
-    search.walk(ways_round(search.runs))
-    assert search.best is not None and search.best.holds
-    done = search.tally.iterations
-    faster, about_as_fast = (TripSearch(search.runs, share * search.best.travel_time) for share in (0.8, 1.01))
-    faster.walk(ways_round(search.runs))
-    assert faster.found is None
-    assert search.tally.iterations - done < 0.5 * done
-    about_as_fast.walk(ways_round(search.runs))
-    assert about_as_fast.found is not None
-    assert about_as_fast.found.holds
+    best = explored(search)
+    assert best is not None and best.holds
+    done = search.log.iterations
+    faster, about_as_fast = (TripSearch(search.runs, share * best.travel_time) for share in (0.8, 1.01))
+    assert explored(faster) is None
+    assert search.log.iterations - done < 0.5 * done
+    again = explored(about_as_fast)
+    assert again is not None and again.holds

@@ -12,8 +12,8 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.planning.along_routes import Routes
-from scp_planner.planning.offline import planned
+from scp_planner.planning.plan_search import planned
+from scp_planner.planning.sources.routes import RouteChoice
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.units import NaturalUnits
@@ -250,7 +250,7 @@ def test_the_widest_gap_is_not_told_where_there_is_no_time_to_find_it() -> None:
     posts = [disc(f"o{k}", (10.0, 1.1 * k)) for k in range(-6, 7)]
     shut = scene(*posts, bounds={"min": [-5.0, -6.0], "max": [25.0, 6.0]})
     problem = build_problem(shut, sp.zones(shut), sp.Settings())
-    routes = Routes.of(problem, np.inf)
+    routes = RouteChoice.of(problem, np.inf)
     assert routes is not None and routes.next() is None
     assert "the widest passage" in routes.told(shut, NaturalUnits.of(shut))
     routes.roadmap.deadline = -1.0

@@ -1,11 +1,11 @@
-"""Attempts that go on from the best trip: over another guide, with finer splines, or to a step of time."""
+"""Refinements of the best trip: over its path as the guide, with finer splines, or to a step of time."""
 
 from __future__ import annotations
 
 import logging
-from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil, inf
 
 import numpy as np
@@ -14,9 +14,11 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.tolerances import ARRIVAL_TOLERANCE
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.mathematics.splines import greville_sites
-from scp_planner.planning.attempts import ATTEMPTS, Attempt
-from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
-from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.checked import QUALITY
+from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.search import Source
+from scp_planner.planning.starts import SCENE, OverGuide, Start, TripSearch
+from scp_planner.planning.task import Task
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
@@ -38,31 +40,25 @@ class RefinementSettings:
     worth_a_guide: float = 1e-3  # relative gain below which it does not again
     small: float = 0.1  # of a span of the path: zones of a smaller radius are passed by turns that it cannot make
     zones_to_a_span: int = 3  # of those, at most
-    # how often there are twice as many spans of the path, and the most of them
-    mended: float = 0.02  # violation along a way round what stands, that stricter constraints may mend
+    mended: float = 0.02  # violation along a route round what stands, that stricter constraints may mend
     most_along_routes: int = 120  # spans there: with more of them an iteration takes seconds
-    finer_paths: int = 3
+    finer_paths: int = 3  # how often there are twice as many spans of the path
     shortest: float = 0.1  # units of length, of a span in settings
     most_path_spans: int = 200
     worth_finer_paths: float = 2e-3  # relative gain below which there are no more of them
     notable: float = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
-    mending: float = 0.7  # of the violation of a trip that hardly fails: where shorter spans leave more, they end there
     slowed: float = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
-    # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
-    unseen: float = 1.0
-    tight: float = 1.5
-    # for the least radius of the vehicle, at most; and times as many as usual, from which on there are more at once
-    spans_to_bend: int = 40
-    far_more: float = 1.5
-    # how often there are three times as many spans of the acceleration, and the most of them
-    finer: int = 2
-    most_spans: int = 200
+    unseen: float = 1.0  # slope of a path that its spans can hardly follow
+    tight: float = 1.5  # spans to the radius of the tightest bend
+    spans_to_bend: int = 40  # for the least radius of the vehicle, at most
+    far_more: float = 1.5  # times as many as usual, from which on there are more at once
+    finer: int = 2  # how often there are three times as many spans of the acceleration
+    most_spans: int = 200  # of the acceleration
     worth_more_spans: float = 2e-3  # relative gain below which there are no more of them
     # of the last gain by more spans: the next is a third of it, as what they lose goes with their length
     hoped: float = 0.5
-    # to a trip whose accelerations change on them; times the wanted number of spans
-    fewest_steps: int = 8
-    most_steps: int = 2
+    fewest_steps: int = 8  # to a trip whose accelerations change on steps of time
+    most_steps: int = 2  # times the wanted number of spans, to such a trip
     straying: float = 0.03  # radii of the vehicle, by which it may be elsewhere after a step of one acceleration
     later_steps: int = 3  # at which a trip that is to arrive on a step of time is asked to arrive
 
@@ -73,9 +69,9 @@ REFINEMENT = RefinementSettings()
 def with_short_spans(runs: CheckedRuns, *, bends: bool) -> CheckedRuns:
     """Return runs with shorter spans of the path, where the usual ones do not follow what is in the way; else the same.
 
-    Many zones to a span may be far smaller than it; or the way ``bends`` round what stands, tighter than spans can.
+    Many zones to a span may be far smaller than it; or the shortest route ``bends`` tighter than spans can.
     """
-    # One span could not tell which of them are passed on which side, and runs from hardly any way would end well.
+    # One span could not tell which of them are passed on which side, and runs from hardly any class would end well.
     # Spans of a length that the user gave stay as they are, and those over a curved guide, which has enough of them.
     problem, task = runs.problem, runs.task
     space, spans, radius = problem.space, len(problem.space.path.widths), problem.zones.typical_radius
@@ -91,140 +87,114 @@ def with_short_spans(runs: CheckedRuns, *, bends: bool) -> CheckedRuns:
     return runs if wanted <= spans else CheckedRuns.over(task, space, spans=wanted)
 
 
-def refinements(task: Task) -> list[Refinement]:
-    """Return the attempts to improve a trip; they may cost a multiple of the work so far."""
-    done = task.tally.iterations
-    most = done + max(REFINEMENT.work * done, REFINEMENT.least_work)
-    finer = FinerPath(1, most)
-    # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes.
-    return [
-        FinerNearly(REFINEMENT.finer_paths, most),
-        BetterGuide(REFINEMENT.guides, most),
-        finer,
-        FinerDrive(REFINEMENT.finer, most),
-        FinerPath(REFINEMENT.finer_paths - 1, most, finer),
-    ]
+@dataclass(frozen=True)
+class _Kind:
+    """One kind of refinement."""
 
-
-def from_trip(task: Task, trip: Trajectory) -> TripSearch:
-    """Return a search over the guide of a trip, warm-started by it."""
-    runs = CheckedRuns.over(task, trip.space)
-    theta = runs.problem.ends.around(trip.theta[runs.problem.ends.free])
-    begin = Trajectory.of(runs.problem.space, theta, trip.beta, trip.travel_time)
-    search = TripSearch(runs)
-    search.best = runs.attempt(begin, loop=runs.patient_loop)
-    task.tally.tried["given trip"] += 1
-    return search
-
-
-class Refinement(Attempt[TripSearch, ScpRun]):
-    """Goes on from the best trip over another problem, while that makes it much faster or certified."""
-
+    what: str
     worth: float  # relative gain below which there is no further one
+    promising: Callable[[ScpRun], bool]
+    further: Callable[[ScpRun], ScpRun]
 
-    def __init__(self, most: int, iterations: float, after: Refinement | None = None) -> None:
-        self.most, self.iterations, self.after = most, iterations, after
 
-    def due(self, search: TripSearch) -> bool:  # noqa: ARG002
-        """True unless it goes on with a refinement that did not gain much."""
-        return self.after is None or self.after.gained >= self.worth
+class Refinements(Source[Start, ScpRun]):
+    """The best trip over another problem, each time while that makes it much faster or certified.
 
-    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
-        while search.best is not None and self.promising(search, search.best):
-            before = search.best
-            yield self.further(search, before)
-            after = search.best.travel_time
-            logger.info("%s: %.4f units of time after %.4f", self.what, after, before.travel_time)
-            if self.gained < self.worth:
+    Paired on the hard set: without the path as the guide, trips are slower by up to 0.39 %; without shorter spans of
+    the path, by up to 0.9 %. Shorter spans of the drive are for limits of places and of the jerk alone.
+    """
+
+    name, rank = "refinements", 3
+
+    def __init__(self, search: TripSearch) -> None:
+        self.search = search
+        self._hoped = inf  # gain of the next run with more spans of the drive, s
+
+    def children(self, skeleton: Start, found: ScpRun | None) -> Iterator[tuple[float, Start]]:  # noqa: ARG002
+        """Yield the best trip refined; that may cost a multiple of the work so far."""
+        search, over = self.search, skeleton.over
+        if skeleton.what != SCENE:
+            return
+        search.best = search.best or search.rival
+        best, goal = search.best, search.task.scenario.goal
+        if search.task.given is not None or best is None:  # constraints are written in stations of the guide
+            return
+        arrival, latest = search.task.scenario.start.time + best.travel_time, goal.latest_arrival
+        if not (search.task.thorough or best.holds) and latest is not None and arrival > latest:
+            return
+        done = search.log.iterations
+        most = done + max(REFINEMENT.work * done, REFINEMENT.least_work)
+        guide = _Kind("guide along the path", REFINEMENT.worth_a_guide, self._may_gain_by_a_guide, self._along_the_path)
+        yield from self._while_worth(over, guide, REFINEMENT.guides, most)
+        # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes
+        worth = REFINEMENT.worth_finer_paths
+        path = _Kind("path with shorter spans", worth, self._may_gain_by_a_finer_path, self._over_finer_path)
+        worth = REFINEMENT.worth_more_spans
+        drive = _Kind("drive with shorter spans", worth, self._may_gain_by_a_finer_drive, self._over_finer_drive)
+        search.gained = 0.0
+        yield from self._while_worth(over, path, 1, most)
+        pays = search.gained >= path.worth
+        yield from self._while_worth(over, drive, REFINEMENT.finer, most)
+        if pays:
+            yield from self._while_worth(over, path, REFINEMENT.finer_paths - 1, most)
+
+    def _while_worth(self, over: OverGuide, kind: _Kind, times: int, most: float) -> Iterator[tuple[float, Start]]:
+        search = self.search
+        for _ in range(times):
+            best = search.best
+            if best is None or search.log.iterations > most or not kind.promising(best):
+                return
+            yield 0.0, Start(kind.what, over, partial(kind.further, best))
+            assert search.best is not None
+            logger.info("%s: %.4f units of time after %.4f", kind.what, search.best.travel_time, best.travel_time)
+            if search.gained < kind.worth:
                 return
 
-    @abstractmethod
-    def promising(self, search: TripSearch, best: ScpRun) -> bool:
-        """True if the best trip shows that it may gain."""
-
-    @abstractmethod
-    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
-        """Go on from the best trip."""
-
-
-class BetterGuide(Refinement):
-    """The path as guide, where the guide limits it."""
-
-    what, worth = "guide along the path", REFINEMENT.worth_a_guide
-
-    def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
+    def _may_gain_by_a_guide(self, best: ScpRun) -> bool:
         curved = not best.holds and not best.runs.problem.space.guide.straight
         return curved or may_want_another_guide(best.runs.problem, best.trajectory.path)
 
-    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
-        runs = CheckedRuns.along(search.task, best.trajectory.path)
-        return runs.along_the_guide(best.trajectory.beta, best.travel_time, search.cutoff)
+    def _along_the_path(self, best: ScpRun) -> ScpRun:
+        runs = CheckedRuns.along(self.search.task, best.trajectory)
+        return runs.along_the_guide(best.trajectory.beta, best.travel_time, self.search.cutoff)
 
-
-class FinerPath(Refinement):
-    """Path spans of half the length, where the path bends within its spans, or fails by little."""
-
-    what, worth = "path with shorter spans", REFINEMENT.worth_finer_paths
-
-    def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
+    def _may_gain_by_a_finer_path(self, best: ScpRun) -> bool:
         most = REFINEMENT.most_path_spans if best.runs.task.least_time == 0.0 else REFINEMENT.most_along_routes
         return 2 * len(best.trajectory.space.path.widths) <= most and may_gain_by_spans(best)
 
-    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+    def _over_finer_path(self, best: ScpRun) -> ScpRun:
+        """Go on from a trip with path spans of half the length."""
         task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
         path_span = min(max(space.length / spans, REFINEMENT.shortest), LONGEST_SPAN)
         settings = replace(for_scene(task.settings), path_span=path_span)
         runs = CheckedRuns.over(replace(task, settings=settings), space, spans=spans)
-        start, cutoff = over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - REFINEMENT.notable)
+        start, cutoff = over_finer_path(runs.problem, best.trajectory), self.search.cutoff * (1.0 - REFINEMENT.notable)
         return runs.attempt(start, cutoff, mended=REFINEMENT.mended if task.least_time > 0.0 else 0.0)
 
-
-class FinerNearly(FinerPath):
-    """Path spans of half the length for a trip that hardly fails, and would be faster than the best."""
-
-    what = "faster path that hardly fails"
-
-    def due(self, search: TripSearch) -> bool:
-        worthwhile = (1.0 - REFINEMENT.notable) * search.cutoff
-        return search.certified and search.nearly is not None and search.nearly.travel_time < worthwhile
-
-    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
-        nearly = search.nearly
-        while nearly is not None and self.promising(search, nearly):
-            before, finer = nearly.run.evaluation.worst_violation, self.further(search, nearly)
-            yield finer
-            mends = finer.hardly_fails and finer.run.evaluation.worst_violation < REFINEMENT.mending * before
-            nearly = finer if mends else None
-
-
-class FinerDrive(Refinement):
-    """Three times as many spans of the acceleration, where limits of places or of the jerk ask for many switches."""
-
-    what, worth = "drive with shorter spans", REFINEMENT.worth_more_spans
-    hoped = inf  # gain of the next run, s
-
-    def promising(self, search: TripSearch, best: ScpRun) -> bool:
+    def _may_gain_by_a_finer_drive(self, best: ScpRun) -> bool:
+        """True where limits of places or of the jerk ask for many switches of the acceleration."""
         if best.runs.problem.profile is None and best.runs.task.scenario.vehicle.max_jerk is None:
             return False
         few = 3 * best.runs.task.settings.acceleration_spans <= REFINEMENT.most_spans
-        # Where arrivals count in steps, a gain within one is none.
-        return few and best.travel_time - self.hoped <= search.cutoff
+        # Where arrivals count in steps, a gain within one is none
+        return few and best.travel_time - self._hoped <= self.search.cutoff
 
-    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+    def _over_finer_drive(self, best: ScpRun) -> ScpRun:
+        """Go on from a trip with three times as many spans of the acceleration."""
         task, trip = best.runs.task, best.trajectory
         finer = replace(task, settings=replace(task.settings, acceleration_spans=3 * task.settings.acceleration_spans))
         runs = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
-        attempt = runs.attempt(over_other_breakpoints(runs.problem, trip), search.cutoff)
-        gained = trip.travel_time - attempt.travel_time
-        self.hoped = REFINEMENT.hoped * gained if gained > 0.0 else inf
-        return attempt
+        found = runs.attempt(over_other_breakpoints(runs.problem, trip), self.search.cutoff)
+        gained = trip.travel_time - found.travel_time
+        self._hoped = REFINEMENT.hoped * gained if gained > 0.0 else inf
+        return found
 
 
 def may_gain_by_spans(best: ScpRun) -> bool:
     """True if shorter spans of the path may make a trip faster, or a certified one."""
     if not best.holds:
-        return best.run.evaluation.worst_violation < ATTEMPTS.hardly
+        return best.run.evaluation.worst_violation < QUALITY.hardly
     theta, space = best.trajectory.theta, best.trajectory.space
     span = space.length / len(space.path.widths)
     # A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared
@@ -259,11 +229,33 @@ def over_other_breakpoints(problem: Problem, trip: Trajectory, theta: Array | No
     return arriving(space, theta, beta, problem.limits.acceleration, trip.travel_time)
 
 
-def at_any_time(scenario: Scenario) -> Scenario:
-    """Return the scenario without the step of its arrival."""
-    if scenario.goal.arrival_step is None:
-        return scenario
-    return changed(scenario, goal=changed(scenario.goal, arrival_step=None))
+class StepsOfTime(Source[Start, ScpRun]):
+    """The fastest trip, slowed down to the next step of time, or to a later one where that fails."""
+
+    name = "steps of time"
+
+    def __init__(self, search: TripSearch, scenario: Scenario, fastest: Trajectory, most: int) -> None:
+        self.search, self.scenario, self.fastest, self.most = search, scenario, fastest, most
+
+    def children(self, skeleton: Start, found: ScpRun | None) -> Iterator[tuple[float, Start]]:  # noqa: ARG002
+        """Yield the trip on one step after the other."""
+        step = self.scenario.goal.arrival_step
+        if skeleton.what != SCENE or step is None:
+            return
+        goal, begun = self.scenario.goal, self.scenario.start.time
+        first = ceil((self.fastest.travel_time - off_a_step(step)) / step)
+        for steps in range(first, first + self.most):
+            arrival, allowed = begun + steps * step, ARRIVAL_TOLERANCE * steps * step
+            if self.search.certified or (goal.latest_arrival is not None and arrival > goal.latest_arrival + allowed):
+                return
+            yield steps * step, Start("arrival on a step", skeleton.over, partial(self._on, arrival, steps))
+
+    def _on(self, arrival: float, steps: int) -> ScpRun:
+        # Planned for without a margin: the step may be missed to both sides
+        timed = changed(self.scenario.goal, earliest_arrival=arrival, latest_arrival=arrival)
+        task = replace(self.search.task, scenario=changed(self.scenario, goal=timed), arrival_step=None)
+        runs = CheckedRuns.over(task, self.fastest.space, _in_step(self.fastest, steps, task.settings))
+        return runs.attempt(over_other_breakpoints(runs.problem, self.fastest), loop=runs.patient_loop)
 
 
 def on_a_step(task: Task, scenario: Scenario, fastest: ScpRun) -> ScpRun:
@@ -275,39 +267,12 @@ def on_a_step(task: Task, scenario: Scenario, fastest: ScpRun) -> ScpRun:
     if best.holds and commanded_in_steps(fastest.trajectory, step, scenario.vehicle.radius):
         return best
     search = TripSearch(fastest.runs)
+    search.task, search.arrival_step = task, None
     search.enough = search.lower_bound = 0.0
     search.best = None if best.holds else best
-    search.walk([ArrivalOnStep(task, scenario, step, fastest.trajectory, 1 if best.holds else REFINEMENT.later_steps)])
-    if best.holds and not search.certified:
-        return best
-    assert search.best is not None
-    return search.best
-
-
-class ArrivalOnStep(Attempt[TripSearch, ScpRun]):
-    """The fastest trip, slowed down to the next step of time, or to a later one where that fails."""
-
-    what = "arrival on a step"
-
-    def __init__(self, task: Task, scenario: Scenario, step: float, fastest: Trajectory, most: int) -> None:
-        self.task, self.scenario, self.step, self.fastest, self.most = task, scenario, step, fastest, most
-
-    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
-        goal, trip = self.scenario.goal, self.fastest
-        first = ceil((trip.travel_time - off_a_step(self.step)) / self.step)
-        for steps in range(first, first + self.most):
-            arrival = self.scenario.start.time + steps * self.step
-            too_late = (
-                goal.latest_arrival is not None
-                and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE * steps * self.step
-            )
-            if search.certified or too_late or search.out_of_time:
-                return
-            # Planned for without a margin: the step may be missed to both sides.
-            timed = changed(self.scenario, goal=changed(goal, earliest_arrival=arrival, latest_arrival=arrival))
-            task = replace(self.task, scenario=timed, arrival_step=None)
-            runs = CheckedRuns.over(task, trip.space, _in_step(trip, steps, task.settings))
-            yield runs.attempt(over_other_breakpoints(runs.problem, trip), loop=runs.patient_loop)
+    search.sources = [StepsOfTime(search, scenario, fastest.trajectory, 1 if best.holds else REFINEMENT.later_steps)]
+    found = search.explore(Start(SCENE, OverGuide(fastest.runs)))
+    return best if best.holds and not search.certified else found or best
 
 
 def commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:

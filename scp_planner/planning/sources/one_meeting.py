@@ -20,9 +20,10 @@ from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.meeting import first_meeting
 from scp_planner.constraints.ends import end_conditions
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.planning.attempts import ATTEMPTS
-from scp_planner.planning.refinements import over_other_breakpoints
-from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.planning.checked import QUALITY
+from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.sources.refinements import over_other_breakpoints
+from scp_planner.planning.task import Task
 from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
@@ -55,6 +56,8 @@ class MeetingSettings:
     slowest_gain: float = 1e-2  # of the speed, on the target; limits and times are kept no more exactly than for that
     fast_gain: float = 0.7  # of the speed: below it a trip with usual margin and tolerance is not good enough
     later: float = 1.25  # times the time to which no trip is found, that is tried next
+    share: float = 0.5  # of the time that is left, for one search to a goal that stands
+    slower: tuple[float, ...] = (1.001, 1.05, 1.2)  # times the time of such a trip: meetings that are tried
     longest: float = 2.0  # times the last time, that the next one is at most
 
 
@@ -70,6 +73,7 @@ class MeetingSearch:
     """
 
     def __init__(self, task: Task, scenario: Scenario, target: TargetMotion, least: float, searched: Searched) -> None:
+        """Take a scene with its target; ``searched`` returns the fastest trip of a task faster than a known one."""
         # The trip that arrives with the target is certified; the next ones keep what was missed
         self.task, self.scenario, self.target = replace(task, provisional=True), scenario, target
         self._searched = searched
@@ -92,26 +96,28 @@ class MeetingSearch:
         time, searched, searches = self._cleared(self._estimate()), 0.0, 0
         led_from: ScpRun | None = None  # the one that arrives early at the earliest time; else the last one
         met: ScpRun | None = None
+        is_led = False
         for _ in range(MEETING.trips):
             again: ScpRun | None = None
-            found = led = None if led_from is None else self._led_to(led_from, time)
+            found, is_led = None if led_from is None else self._led_to(led_from, time), True
             known = found if found is not None and found.holds else None
             if searches < MEETING.searches and (known is None or self._unsure(known, time, searched)):
                 other = self._searched(self._task_at(time), known)
                 searched, searches = time, searches + 1
                 if other is not None and (known is None or (other.holds and other.travel_time < known.travel_time)):
-                    found, self._points = other, [*self._surely]  # what other ways take tells nothing of this one
+                    found, is_led = other, False
+                    self._points = [*self._surely]  # the times of other trips say nothing of this one
                 if found is not None and found.holds:
                     self._surely.append((time, found.travel_time - time))
             assert found is not None, "the first run is never cut off"
             if found.holds:
                 led_from = self._kept(found, time)
                 if searches == MEETING.searches or not self._unsure(found, time, searched):
-                    again = self._met(found, time, exact=found is led)
+                    again = self._met(found, time, exact=is_led)
                     met = again if again is not None and again.better_than(met) else met
             else:
                 self._shut = max(self._shut, time)
-            if self.task.out_of_time or (met is not None and met.holds):
+            if self.task.budget.is_over or (met is not None and met.holds):
                 break
             logger.info("meeting after %.6f units of time: its trip takes %.6f", time, found.travel_time)
             before, time = time, self._next(found if found.holds else led_from)
@@ -154,7 +160,7 @@ class MeetingSearch:
 
     def _unsure(self, found: ScpRun, time: float, searched: float) -> bool:
         """True if a trip about meets the target, and another way may be faster."""
-        enough = found.travel_time <= self.least * (1.0 + ATTEMPTS.good_enough)
+        enough = found.travel_time <= self.least * (1.0 + QUALITY.good_enough)
         near = self._waits or abs(found.travel_time - time) <= MEETING.far * time
         return near and not enough and abs(time - searched) > MEETING.far * time
 
