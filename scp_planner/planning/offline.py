@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import dist, inf
+from math import cos, dist, inf, sin
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -30,8 +30,11 @@ from scp_planner.planning.trip_search import TripSearch
 from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.preparation import asked_for_time, last_check
+from scp_planner.scenario.checks import same_place
+from scp_planner.scenario.goal_checks import goal_is_elsewhere
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.scale import OTHER_LENGTH, TRIP_LENGTH
+from scp_planner.scenario.tolerances import SAME_PLACE
 from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
@@ -145,7 +148,7 @@ def planned(
     A route from start to goal, (n, 2) m, is driven ``along`` at first; or a trip is where the search begins and ends.
     """
     began = perf_counter()
-    settings = settings or Settings()
+    settings, scenario = settings or Settings(), _apart(scenario)
     if scenario.goals and scenario.guide is None:
 
         def guided(one: Scenario, left: float | None, begin: Trip | None) -> Plan:
@@ -167,6 +170,20 @@ def planned(
         found = _searched(replace(alone, began=perf_counter()), None, None)
         unchecked = replace(found, status=PlanStatus.INFEASIBLE, reason=str(error), clearance=Clearance(-np.inf))
         return replace(unchecked, planned=scenario, wall_time=perf_counter() - began)
+
+
+def _apart(scenario: Scenario) -> Scenario:
+    """Return a scenario whose start is not at its goal: a vehicle in a wide goal that is not as asked has to move."""
+    start, goal = scenario.start.position, scenario.goal
+    if goal.target is not None or not any(goal_is_elsewhere(scenario)):
+        return scenario
+    goal = changed(goal, radius=0.0, region=None)
+    if not same_place(start, goal.position):
+        return changed(scenario, goal=goal)
+    away = 4.0 * SAME_PLACE * max(scenario.vehicle.radius, *map(abs, start))
+    angle = scenario.start.heading or 0.0
+    ahead = (start[0] + away * cos(angle), start[1] + away * sin(angle))
+    return changed(scenario, goal=changed(goal, position=ahead), guide=None)
 
 
 def _searched(call: _Call, along: Array | None, begin: Trip | None) -> Plan:
