@@ -327,10 +327,6 @@ class Ride:
             speed = told.speed
             if told.heading is None:  # the sign says nothing
                 speed = abs(speed)
-            elif (
-                speed < 0.0 and backwards and vehicle.get("reverse") is None
-            ):  # its plans have no gear, but a direction
-                told, speed = replace(told, heading=told.heading + math.pi), -speed
             error = self.planner.online.tracking_error / answer.length
             if speed < -self.off(vehicle, error).speed - 1e-12 * float(vehicle["max_speed"]) and not backwards:
                 if not doubted:
@@ -383,6 +379,12 @@ class Ride:
         )
         free = steering == "any" or (steering != "ahead" and abs(told.speed) <= SLOW)
         begun = replace(told, heading=None if free else told.heading)
+        if steering == "any":
+            begun = replace(begun, speed=math.copysign(told.speed, made.speed(told.time)))
+        elif steering == "both_ways" and told.heading is not None:
+            turn = float(made.heading([told.time])[0]) - told.heading
+            if math.cos(turn) < 0.0:  # its plans say in which direction it drives, and not in which gear
+                begun = replace(begun, heading=None if free else told.heading + math.pi, speed=-told.speed)
         found = beginning(begun, made.position, end - told.time, allowed, made.heading)
         off_by = max(each.excess for each in found)
         if error and told.speed >= 0.0 and off_by > 1e-6 and all(each.ok for each in found):
@@ -393,7 +395,7 @@ class Ride:
         place, speed = made.position([told.time])[0], end_speed(made.position, told.time, 1)
         start = {**data["start"], "time": told.time, "position": place.tolist(), "heading": None}
         start["acceleration"] = self._accelerates(told)
-        data = {**data, "start": {**start, "speed": math.copysign(speed, made.speed(told.time) or told.speed)}}
+        data = {**data, "start": {**start, "speed": math.copysign(speed, made.speed(told.time) or begun.speed)}}
         speed_met = 0.0
         if away:
             last = made.position([end])[0]
