@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import families
-from benchmarks.hostile.drives import Judge
-from benchmarks.hostile.wild import Wild
+from benchmarks.hostile.rides import Ride
+from benchmarks.hostile.scenes import whole
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.settings.online import OnlineSettings
@@ -161,7 +161,7 @@ class _Drive:
             del obstacle["motion"]
         scenario = families.as_scenario(data)
         self.planner = Planner(scenario, online=OnlineSettings(period=PERIOD, forget_after=2.0))
-        self.judge = Judge(self.planner, Wild({}, 1.0, 1.0))
+        self.ride = Ride(whole(data), self.planner)
         if "solver" in run.kinds:
             self.planner.solver = FlakySolver(self.planner.solver, rng)
         self.position, self.heading, self.speed = np.array(data["start"]["position"]), 0.0, data["start"]["speed"]
@@ -238,7 +238,7 @@ class _Drive:
         run.slowest = max(run.slowest, plan.wall_time)
         if run.cycles % self.check_every:
             return
-        refused = self.judge.of(plan, Told(time, self.position, self.heading, self.speed))
-        run.checked = self.judge.checked
+        refused = self.ride.judge(plan, Told(time, self.position, self.heading, self.speed))
+        run.checked = self.ride.checked
         if refused:
             run.refused.append(f"t = {time:.1f} s: {refused}")

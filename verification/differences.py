@@ -53,7 +53,7 @@ def ends(
         found.append(Finding(name, value, limit, excess, tolerance, time))
 
     late = begin - float(start.get("time", 0.0))
-    require("start_time", begin, begin - late, abs(late), 1e-9, begin)
+    require("start_time", begin, begin - late, abs(late), allowed.start_time, begin)
     gap = float(np.linalg.norm(positions[0] - np.asarray(start["position"], dtype=float)))
     require("start_position", gap, 0.0, gap, allowed.position, begin)
     if goal.get("region") is None and goal.get("target") is None:
@@ -225,7 +225,7 @@ def motion_limits(
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     speeds = (driven[width:] - driven[:-width]) / (width * step)
     top = float(vehicle["max_speed"])
-    more = 0.0 if excused is None else np.maximum(excused[:-width] - top, 0.0)
+    more = 0.0 if excused is None else np.maximum(np.maximum(excused[:-width], excused[width:]) - top, 0.0)
     at_most("speed", speeds - more, top, allowed.speed, middles)
 
     backward, when = _backward_speed(displacements, chords, width * step, middles)
@@ -317,7 +317,7 @@ def _forces(
         powers = (speeds[apart:] ** 2 - speeds[:-apart] ** 2) / (2.0 * apart * step)
         jump = float(vehicle["max_acceleration"]) + float(vehicle["max_deceleration"])
         tolerance = allowed.acceleration * max(1.0, float(vehicle["max_speed"])) + POWER_WINDOW * jump**2
-        found.extend(find_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
+        found.extend(find_worst("power", powers, float(vehicle["max_power"]), tolerance, between, falling=falling))
     return found
 
 

@@ -19,6 +19,7 @@ class Tolerances:
 
     clearance: float = 3e-6  # m
     position: float = 1e-6  # m
+    start_time: float = 1e-9  # s
     arrival: float = 1e-3  # s
     heading: float = 2e-4  # rad
     boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends

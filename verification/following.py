@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from verification.arrivals import goal_conditions
-from verification.differences import SLOW, Array, PositionFunction, end_heading, end_speed, ends
+from verification.differences import (
+    SLOW,
+    Array,
+    HeadingFunction,
+    PositionFunction,
+    end_gear,
+    end_heading,
+    end_speed,
+    ends,
+    heading_at,
+)
 from verification.findings import Finding, Tolerances
 
 STEPS = 400
@@ -42,20 +52,29 @@ class Allowed:
     heading: float
 
 
-def beginning(told: Told, position: PositionFunction, duration: float, allowed: Allowed) -> list[Finding]:
-    """Compare what an answer of a duration, s, begins with and what was told."""
+def beginning(
+    told: Told,
+    position: PositionFunction,
+    duration: float,
+    allowed: Allowed,
+    heading: HeadingFunction | None = None,
+) -> list[Finding]:
+    """Compare what an answer of a duration, s, begins with and what was told; with headings, also a signed speed."""
     gap = math.dist(np.asarray(position(np.array([told.time])))[0], told.position)
-    speed = end_speed(position, told.time, 1)
+    speed = end_speed(position, told.time, 1) * (1.0 if heading is None else end_gear(position, heading, told.time))
     off = abs(speed - told.speed)
     found = [
         Finding("start_position", gap, 0.0, gap, allowed.position, told.time),
         Finding("start_speed", speed, told.speed, off, allowed.speed, told.time),
     ]
     first, last = np.asarray(position(np.array([told.time, told.time + duration])))
-    if told.heading is not None and min(speed, told.speed) > STANDS and math.dist(first, last) > SHORTEST:
-        heading = end_heading(position, duration, told.time, 1)
-        turned = abs(math.remainder(heading - told.heading, 2.0 * math.pi))
-        found.append(Finding("start_heading", heading, told.heading, turned, allowed.heading, told.time))
+    if told.heading is not None and min(abs(speed), abs(told.speed)) > STANDS and math.dist(first, last) > SHORTEST:
+        if heading is None:
+            angle = end_heading(position, duration, told.time, 1)
+        else:
+            angle = heading_at(heading, told.time)
+        turned = abs(math.remainder(angle - told.heading, 2.0 * math.pi))
+        found.append(Finding("start_heading", angle, told.heading, turned, allowed.heading, told.time))
     return found
 
 

@@ -133,7 +133,8 @@ def _stretches(gears: Array, turns: Array) -> Iterator[tuple[int, int, float]]:
 def braking_speeds(data: Mapping[str, Any], times: Array) -> Array:
     """Speeds (n,) at times (n,) of a vehicle that brakes from the start with all it has, m/s."""
     vehicle, start = data["vehicle"], data["start"]
-    since, speed, brakes = times - times[0], abs(float(start["speed"])), float(vehicle["max_deceleration"])
+    since, speed = times - times[0], abs(float(start["speed"]))
+    brakes = min(float(vehicle["max_deceleration"]), float(vehicle.get("max_total_acceleration") or math.inf))
     if vehicle.get("max_jerk") is None:
         return np.maximum(speed - brakes * since, 0.0)
     jerk = float(vehicle["max_jerk"])

@@ -71,7 +71,7 @@ def place_speeds(
             inside &= along <= float(limit["to"])
         speed, top = np.where(inside[width:] & inside[:-width], speeds, 0.0), float(limit["speed"])
         if excused is not None:
-            speed -= np.maximum(excused[:-width] - top, 0.0)
+            speed -= np.maximum(np.maximum(excused[:-width], excused[width:]) - top, 0.0)
         name = f"speed_limits[{number}]"
         found += find_worst("place_speed", speed, top, allowed.speed, times[:-width], subject=name)
     return found

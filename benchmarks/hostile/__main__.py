@@ -1,11 +1,11 @@
 """Try hostile input for some minutes, and report whatever may never happen.
 
-``python -m benchmarks.hostile`` tries damaged scenario and plan files, wild but legal scenarios, corridors with holes,
-absurd command lines, absurd calls of an online planner, drives in which it is told other states than it planned, other
-clocks and odd sensors, scenes from the product of features, their plans with edited fields, and drives through them, in
-processes of their own. It finds exceptions other than those that are documented, what takes over 10 s of the
-processor or 500 MB, and certified and safe plans that an independent check refuses. Every finding is
-written with all that trying it again needs; ``--only KIND --seed N --count 1`` tries the one of that seed.
+``python -m benchmarks.hostile`` tries damaged scenario files, corridors with holes, absurd command lines, other clocks
+and odd sensors, scenes from the product of features, their plans with edited fields, and drives through them with
+absurd calls and other states than planned ones, in processes of their own. It finds exceptions other than those that
+are documented, what takes over 10 s of the processor or 500 MB, and certified and safe plans that an independent check
+refuses. Every finding is written with all that trying it again needs; ``--only KIND --seed N --count 1`` tries the one
+of that seed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from benchmarks.hostile.workers import tried
 
 CODE_OF_FINDINGS = 1
 INTERRUPTED = 130
-DRIVES = (Kind.DRIVE, Kind.RIDE)
 COLUMNS = ("kind", "seed", "fault", "detail", "file")
 
 
@@ -38,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     until = time.monotonic() + 60.0 * options.minutes
     report = Report(options.output, options.plan_time)
     drives = options.count if options.drives is None else options.drives
-    counts = {kind: drives if kind in DRIVES else options.count for kind in kinds}
+    counts = {kind: drives if kind is Kind.RIDE else options.count for kind in kinds}
     jobs = _jobs(counts, options.seed, until)
     code = 0
     try:
@@ -57,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the first case of each kind (default: 0)")
     parser.add_argument("--count", type=int, default=None, help="cases of each kind, at most (default: no limit)")
-    parser.add_argument("--drives", type=int, default=None, help="cases of each kind of drive (default: as --count)")
+    parser.add_argument("--drives", type=int, default=None, help="rides, at most (default: as --count)")
     parser.add_argument("--minutes", type=float, default=5.0, help="after which no case is begun (default: 5)")
     parser.add_argument(
         "--only", type=Kind, action="append", metavar="KIND", help=f"one of {', '.join(Kind)}; repeatable"

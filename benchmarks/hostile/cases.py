@@ -20,23 +20,11 @@ from pathlib import Path
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.hostile import (
-    calls,
-    clocks,
-    combined,
-    commands,
-    corridors,
-    drives,
-    edits,
-    oracle,
-    planfiles,
-    rides,
-    sensors,
-)
-from benchmarks.hostile.damage import ODD, cut, damaged
-from benchmarks.hostile.dense import checked
+from benchmarks.hostile import clocks, commands, corridors, edits, oracle, rides, scenes, sensors
+from benchmarks.hostile.damage import cut, damaged
+from benchmarks.hostile.features import Data
 from benchmarks.hostile.outcome import Fault, Outcome, judged
-from benchmarks.hostile.wild import Data, Wild, wild
+from benchmarks.hostile.scaling import scaled
 from scp_planner.errors import TooLargeError
 
 PLAN_TIME = 4.0
@@ -48,16 +36,8 @@ class Kind(StrEnum):
 
     SCENARIO = "scenario"
     """Damaged scenario files: refused, or planned."""
-    WILD = "wild"
-    """Wild but legal scenarios: planned, and certified plans checked densely."""
-    PLAN = "plan"
-    """Plan files, damaged or edited: refused, or certified against a scenario, and then checked densely."""
     COMMAND = "command"
     """Command lines with absurd arguments."""
-    PLANNER = "planner"
-    """Calls of an online planner with absurd values."""
-    DRIVE = "drive"
-    """Wild scenarios driven with an online planner that is told other states, and its promises checked densely."""
     CORRIDOR = "corridor"
     """Trips through corridors of any size with holes and slivers, compared with the union of their polygons."""
     COMBINED = "combined"
@@ -114,7 +94,8 @@ def carry_out(case: Case) -> Outcome:
 
 
 def _make_scenario(rng: np.random.Generator) -> Data:
-    base = wild(rng).scaled()
+    scene = scenes.draw(rng)
+    base = scaled(scene["scenario"], scene["length"], scene["time"])
     suffix = str(rng.choice([".json", ".yaml"]))
     if rng.random() < 0.7:
         text = json.dumps(damaged(base, rng))
@@ -145,42 +126,24 @@ def _try_scenario(case: Case) -> Outcome:
     return Outcome(plan.status.value)
 
 
-def _make_wild(rng: np.random.Generator) -> Data:
-    drawn = wild(rng)
-    return {"data": drawn.data, "length": drawn.length, "time": drawn.time}
-
-
-def _try_wild(case: Case) -> Outcome:
-    drawn = Wild(**case.data)
-    try:
-        scenario = sp.Scenario(**drawn.scaled())
-    except sp.ScenarioError:
-        return Outcome("bad input")
-    try:
-        plan = sp.plan(scenario, time_limit=case.plan_time)
-    except TooLargeError:
-        return Outcome("too large")
-    if not plan.reason and not plan.certified:
-        return Outcome(plan.status.value, Fault.REFUSED, "neither certified nor a reason")
-    return checked(drawn, scenario, plan) if plan.certified else Outcome(plan.status.value)
-
-
 def _try_combined(case: Case) -> Outcome:
     try:
-        scenario = combined.scenario_of(case.data)
+        scenario = scenes.scenario_of(case.data)
     except sp.ScenarioError:
         return Outcome("bad input")
     began = time.process_time()
     try:
-        plan = sp.plan(scenario, time_limit=case.plan_time, constraints=combined.constraints_of(case.data))
+        plan = sp.plan(scenario, time_limit=case.plan_time, constraints=scenes.constraints_of(case.data))
     except (TooLargeError, sp.EstimationError):
         return Outcome("too large")
     took = time.process_time() - began
     if took > case.plan_time * (1.0 + rides.SHARE) + rides.SPARE:
         return Outcome(plan.status.value, Fault.HANG, f"{took:.2f} s for {case.plan_time:g} s")
     if not plan.certified:
-        return Outcome(plan.status.value)
-    return judged("certified", oracle.refused(case.data, scenario, plan), plan=plan.to_dict())
+        fault = None if plan.reason else Fault.REFUSED
+        return Outcome(plan.status.value, fault, "" if plan.reason else "neither certified nor a reason")
+    drive = oracle.Drive(plan, case.data["length"], case.data["time"])
+    return judged("certified", oracle.refused(case.data, scenario, drive), plan=plan.to_dict())
 
 
 # the rest is of modules of its own
@@ -198,41 +161,18 @@ def _try_command(case: Case) -> Outcome:
     return Outcome(f"exit code {code}")
 
 
-def _make_planner(rng: np.random.Generator) -> Data:
-    drawn = wild(rng)
-    return {"scenario": drawn.scaled(), "calls": calls.draw(rng, drawn.scaled(), ODD)}
-
-
-def _try_planner(case: Case) -> Outcome:
-    data = case.data
-    try:
-        scenario = sp.Scenario(**data["scenario"])
-    except sp.ScenarioError:
-        return Outcome("bad input")
-    refused = calls.play(scenario, data["calls"])
-    return Outcome("driven, some calls refused" if refused else "driven")
-
-
 _MAKERS: dict[Kind, Callable[[np.random.Generator], Data]] = {
     Kind.SCENARIO: _make_scenario,
-    Kind.WILD: _make_wild,
-    Kind.PLAN: planfiles.draw,
     Kind.COMMAND: lambda rng: {"arguments": [word.hex() for word in commands.draw(rng)]},
-    Kind.PLANNER: _make_planner,
-    Kind.DRIVE: drives.draw,
     Kind.CORRIDOR: corridors.draw,
-    Kind.COMBINED: combined.draw,
+    Kind.COMBINED: scenes.draw,
     Kind.RIDE: rides.draw,
     Kind.CLOCK: clocks.draw,
     Kind.SENSOR: sensors.draw,
 }
 _TRIED: dict[Kind, Callable[[Case], Outcome]] = {
     Kind.SCENARIO: _try_scenario,
-    Kind.WILD: _try_wild,
-    Kind.PLAN: lambda case: planfiles.check(case.data),
     Kind.COMMAND: _try_command,
-    Kind.PLANNER: _try_planner,
-    Kind.DRIVE: lambda case: drives.drive(case.data, case.plan_time),
     Kind.CORRIDOR: lambda case: corridors.check(case.data),
     Kind.COMBINED: _try_combined,
     Kind.EDIT: lambda case: edits.check(case.data),

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
+from benchmarks.hostile import scenes
+from benchmarks.hostile.features import Data
 from benchmarks.hostile.outcome import Outcome, judged
-from benchmarks.hostile.wild import Data, wild
 
 CLOCKS = (1.7e9, 1e6, -1e5)
 """s, by which the clock is shifted."""
@@ -24,7 +25,8 @@ _TIMES = ("time", "earliest_arrival", "latest_arrival")
 
 def draw(rng: np.random.Generator) -> Data:
     """Draw a scenario that begins at time 0, and another clock."""
-    drawn = next(one for one in (wild(rng).data for _ in itertools.count()) if one["start"]["time"] == 0.0)
+    scenarios = (scenes.draw(rng)["scenario"] for _ in itertools.count())
+    drawn = next(one for one in scenarios if one["start"]["time"] == 0.0)
     return {"data": shifted(drawn, 0.0), "clock": float(rng.choice(CLOCKS))}
 
 

@@ -13,8 +13,8 @@ from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 
 import scp_planner as sp
+from benchmarks.hostile.features import Data
 from benchmarks.hostile.outcome import Outcome, judged
-from benchmarks.hostile.wild import Data
 
 SIZES = (1e-3, 1e6)
 """m, of the way."""

@@ -1,4 +1,4 @@
-"""What a wild scenario may have besides: limits, goals and walls of roads, and obstacles that are predicted.
+"""Features that a scene may have besides those of its base: gears, places, targets, maps, walls, forces, predictions.
 
 Each is drawn with some probability, and takes the place of what was there.
 """
@@ -17,6 +17,8 @@ Data = dict[str, Any]
 Rng = np.random.Generator
 
 OFTEN, SELDOM = 0.3, 0.12
+CELLS = (8, 40)
+"""Rows and columns of a map, at least and at most."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +45,33 @@ class Way:
         left = np.array([-self.ahead[1], self.ahead[0]])
         return self.begin + share * self.distance * self.ahead + offset * left
 
+    def draw(self, rng: Rng, share: tuple[float, float] = (0.1, 0.9), aside: float = 2.0) -> Any:
+        """Draw a place beside the way."""
+        return self.place(float(rng.uniform(*share)), float(rng.normal(0.0, aside))).tolist()
+
+    @property
+    def angle(self) -> float:
+        """Heading of the way, rad."""
+        return math.atan2(self.ahead[1], self.ahead[0])
+
 
 def enrich(data: Data, way: Way, rng: Rng) -> None:
     """Put in what is drawn."""
-    _vehicle(data, rng)
-    _goal(data, way, rng)
+    for feature, share in ((_gears, OFTEN), (_vehicle, 1.0), (_goal, 1.0), (_places, OFTEN), (_target, OFTEN)):
+        if rng.random() < share:
+            feature(data, way, rng)
     if rng.random() < OFTEN:
         data["walls"] = [_wall(way, rng) for _ in range(int(rng.integers(1, 4)))]
     if rng.random() < SELDOM:
         data["speed_limits"] = [*data["speed_limits"], _stretch(data["vehicle"], way, rng)]
     for obstacle in data["obstacles"]:
         _obstacle(obstacle, way, rng)
+    met = [each["id"] for each in data["obstacles"] if "estimate" in each or "velocity" in each.get("motion", {})]
+    if data["goal"].get("target") is not None and met and rng.random() < OFTEN:
+        data["goal"].update(target=str(rng.choice(met)), radius=2.0, match_velocity=False)
 
 
-def _vehicle(data: Data, rng: Rng) -> None:
+def _vehicle(data: Data, _: Way, rng: Rng) -> None:
     vehicle, start = data["vehicle"], data["start"]
     along = max(vehicle["max_acceleration"], vehicle["max_deceleration"])
     if rng.random() < OFTEN:
@@ -88,13 +103,71 @@ def _goal(data: Data, way: Way, rng: Rng) -> None:
         if rng.random() < 0.5 or beside:
             del goal["position"]
     if goal["heading"] is None and rng.random() < SELDOM:
-        towards = math.atan2(way.ahead[1], way.ahead[0]) + float(rng.normal(0.0, 0.3))
+        towards = way.angle + float(rng.normal(0.0, 0.3))
         half = float(rng.uniform(0.0, 0.5))
         goal["heading_range"] = [towards - half, towards + half]
     if goal["speed"] is None and rng.random() < SELDOM:
         goal["speed_range"] = np.sort(rng.uniform(0.0, vehicle["max_speed"], 2)).tolist()
     if rng.random() < SELDOM:
         goal["arrival_step"] = float(rng.choice([0.1, 0.25, 1.0]))
+
+
+def _gears(data: Data, way: Way, rng: Rng) -> None:
+    vehicle = data["vehicle"]
+    if rng.random() < 0.7:
+        vehicle["reverse"] = {"max_speed": float(rng.uniform(0.3, 1.0)) * vehicle["max_speed"]}
+        if rng.random() < 0.5:
+            vehicle["reverse"]["max_acceleration"] = float(rng.uniform(0.3, 1.0)) * vehicle["max_acceleration"]
+        if rng.random() < 0.6:
+            data["start"]["speed"] = 0.0
+    if rng.random() < 0.4:
+        vehicle.update(steering="on_the_spot", max_turn_rate=float(rng.uniform(0.3, 2.0)))
+        data["start"]["speed"] = 0.0
+        if rng.random() < 0.5:
+            data["goal"].update(heading=way.angle + float(rng.uniform(-3.0, 3.0)), speed=0.0)
+
+
+def _places(data: Data, way: Way, rng: Rng) -> None:
+    data["goals"] = []
+    for number in range(int(rng.integers(1, 4))):
+        place: Data = {"position": way.draw(rng, (0.2 * number + 0.1, 0.3 * number + 0.3))}
+        if rng.random() < 0.6:
+            place["radius"] = float(rng.uniform(0.05, 2.0))
+        if rng.random() < SELDOM:
+            place["heading_range"] = [
+                way.angle - float(rng.uniform(0.2, 2.0)),
+                way.angle + float(rng.uniform(0.2, 2.0)),
+            ]
+        if rng.random() < SELDOM:
+            place["earliest_arrival"] = data["start"]["time"] + float(rng.uniform(0.0, 8.0))
+        if rng.random() < SELDOM:
+            place["latest_arrival"] = data["start"]["time"] + float(rng.uniform(2.0, 30.0))
+        if rng.random() < SELDOM:
+            place["target"] = {"motion": _motion(way, rng)}
+        data["goals"].append(place)
+    data["goals_order"] = str(rng.choice(["given", "given", "fastest"]))
+
+
+def _motion(way: Way, rng: Rng) -> Data:
+    return {"position": way.draw(rng, (0.4, 1.2)), "velocity": rng.normal(0.0, 0.4, 2).tolist()}
+
+
+def _target(data: Data, way: Way, rng: Rng) -> None:
+    goal: Data = {"target": {"motion": _motion(way, rng)}, "radius": float(rng.choice([0.0, 0.3]))}
+    if rng.random() < 0.3:
+        motion = _motion(way, rng)
+        times = data["start"]["time"] + np.array([0.0, 4.0, 9.0, 20.0])
+        places = np.array(motion["position"]) + (times - times[0])[:, None] * motion["velocity"]
+        goal["target"] = {
+            "motion": {"time": times.tolist(), "position": (places + rng.normal(0.0, 0.3, (4, 2))).tolist()}
+        }
+    if rng.random() < 0.4:
+        goal["match_velocity"] = True
+    if rng.random() < 0.3:
+        goal["offset"] = rng.normal(0.0, 0.5, 2).tolist()
+    if rng.random() < SELDOM and not goal.get("match_velocity"):
+        goal["approach"] = [-float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.2, 1.5))]
+    data["goal"], data["guide"] = goal, None
 
 
 def _wall(way: Way, rng: Rng) -> Any:
@@ -113,6 +186,24 @@ def _stretch(vehicle: Data, way: Way, rng: Rng) -> Data:
         "to": None if rng.random() < 0.3 else float(last) * way.distance + 0.1,
         "speed": float(rng.uniform(0.2, 1.0)) * vehicle["max_speed"],
         "line": line,
+    }
+
+
+def draw_map(way: Way, rng: Rng) -> Data:
+    """Draw a map about the way, with few occupied cells."""
+    rows, columns = (int(rng.integers(*CELLS)) for _ in range(2))
+    edge = float(rng.uniform(1.2, 2.0)) * (way.distance + 4.0) / min(rows, columns)
+    cells = rng.random((rows, columns)) < float(rng.choice([0.0, 0.01, 0.05]))
+    yaw = float(rng.choice([0.0, rng.uniform(-3.0, 3.0)]))
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    middle = way.begin + 0.5 * way.distance * way.ahead
+    origin = middle - turn @ (0.5 * edge * np.array([columns, rows]))
+    return {
+        "cells": cells.astype(int).tolist(),
+        "resolution": edge,
+        "origin": origin.tolist(),
+        "yaw": yaw,
+        "beyond": bool(rng.random() < 0.5),
     }
 
 

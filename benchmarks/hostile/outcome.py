@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from benchmarks.hostile.wild import Data
+from benchmarks.hostile.features import Data
 
 
 class Fault(StrEnum):

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
+from benchmarks.hostile.features import Data
 from benchmarks.hostile.outcome import Outcome, judged
-from benchmarks.hostile.wild import Data
 
 ODDITIES = ("float32", "exact", "forgotten", "stamped", "leading")
 MODELS = ("pedestrian", "car", {"order": 1}, {"order": 2})

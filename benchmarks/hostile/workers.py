@@ -7,12 +7,13 @@ import os
 import resource
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from benchmarks.hostile.cases import PLAN_TIME, Kind, carry_out, make
+from benchmarks.hostile import cases
+from benchmarks.hostile.cases import PLAN_TIME, Case, Kind, make
 from benchmarks.hostile.outcome import Fault, Outcome
 
 LOOK = 0.2
@@ -26,11 +27,11 @@ FILLED = 0.5
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
-def serve(link: Connection, memory: int, plan_time: float) -> None:
+def serve(link: Connection, memory: int, plan_time: float, carry_out: Callable[[Case], Outcome]) -> None:
     """Try what is asked for until nothing more is; this runs in a worker, which leads all processes that it starts."""
     os.setsid()
     resource.setrlimit(resource.RLIMIT_AS, (int(SPARE * memory), resource.RLIM_INFINITY))
-    carry_out(make(Kind.WILD, 0))  # what is loaded once is no part of any case
+    cases.carry_out(make(Kind.COMBINED, 0))  # what is loaded once is no part of any case
     link.send(None)
     while (asked := link.recv()) is not None:
         kind, seed = asked
@@ -46,10 +47,10 @@ def serve(link: Connection, memory: int, plan_time: float) -> None:
 class Worker:
     """One process, and what it is at."""
 
-    def __init__(self, memory: int, plan_time: float) -> None:
+    def __init__(self, memory: int, plan_time: float, carry_out: Callable[[Case], Outcome]) -> None:
         context = multiprocessing.get_context("spawn")
         self.link, other = context.Pipe()
-        self.process = context.Process(target=serve, args=(other, memory, plan_time))
+        self.process = context.Process(target=serve, args=(other, memory, plan_time, carry_out))
         self.process.start()
         other.close()
         self.job: tuple[Kind, int] | None = None
@@ -120,7 +121,12 @@ class Worker:
 
 
 def tried(
-    jobs: Iterator[tuple[Kind, int]], workers: int, seconds: float, memory: int, plan_time: float = PLAN_TIME
+    jobs: Iterator[tuple[Kind, int]],
+    workers: int,
+    seconds: float,
+    memory: int,
+    plan_time: float = PLAN_TIME,
+    carry_out: Callable[[Case], Outcome] = cases.carry_out,
 ) -> Iterator[tuple[Kind, int, Outcome]]:
     """Try cases in several processes.
 
@@ -135,13 +141,15 @@ def tried(
         Bytes that a process may have.
     plan_time : float
         s that a plan may take.
+    carry_out : callable
+        Tries a case.
 
     Yields
     ------
     kind, seed, outcome
         As they come.
     """
-    crew = [Worker(memory, plan_time) for _ in range(workers)]
+    crew = [Worker(memory, plan_time, carry_out) for _ in range(workers)]
     try:
         while crew:
             wait([worker.link for worker in crew], LOOK)
@@ -158,7 +166,7 @@ def tried(
                     if outcome.fault in (Fault.DIED, Fault.HANG, Fault.MEMORY) or worker.is_filled(memory):
                         worker.end()
                         crew.remove(worker)
-                        crew.append(Worker(memory, plan_time))
+                        crew.append(Worker(memory, plan_time, carry_out))
                         continue
                 if worker.ready and worker.job is None:
                     job = next(jobs, None)

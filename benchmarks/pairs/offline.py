@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.hostile.combined import constraints_of
-from benchmarks.hostile.oracle import USERS, refused
+from benchmarks.hostile.oracle import USERS, Drive, refused
+from benchmarks.hostile.scenes import constraints_of
 from benchmarks.pairs.scene import Feature, Scene
 from benchmarks.pairs.verdict import Result, judge
 
@@ -24,7 +24,7 @@ def _attempt(scene: Scene) -> str:
     plan = sp.plan(scenario, constraints=_constraints(scene))
     if not plan.certified:
         return f"{plan.status}: {plan.reason}"
-    missed = [refused(scene.described, scenario, plan), _beyond_bound(scene, plan)]
+    missed = [refused(scene.described, scenario, Drive(plan)), _beyond_bound(scene, plan)]
     return "; ".join(filter(None, missed))
 
 

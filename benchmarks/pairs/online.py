@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.hostile.combined import occupied_ground
-from benchmarks.hostile.drives import HEADING
-from benchmarks.hostile.rides import PERIOD, SHARE
+from benchmarks.hostile.features import Data, Rng
+from benchmarks.hostile.oracle import occupied_ground
+from benchmarks.hostile.rides import HEADING, SHARE
 from benchmarks.hostile.rides import SPARE as LATE
-from benchmarks.hostile.wild import Data, Rng
 from benchmarks.pairs.motion import Array
 from benchmarks.pairs.scene import Change, Feature, Scene
 from benchmarks.pairs.verdict import Result, judge
@@ -25,6 +24,8 @@ from verification.findings import Finding, Tolerances, find_worst
 from verification.meetings import meeting, passages
 from verification.places import corridor, disc_centres, occupied, walls
 
+PERIOD = 0.1
+"""s."""
 LONGEST = 3.0
 """Times the motion of the scene, that a drive may take."""
 STEPS = 20

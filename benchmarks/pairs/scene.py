@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 
 import scp_planner as sp
-from benchmarks.hostile.combined import scenario_of
-from benchmarks.hostile.wild import Data, Rng
+from benchmarks.hostile.features import Data, Rng
+from benchmarks.hostile.scenes import scenario_of, whole
 from benchmarks.pairs.motion import USED, Array, Drive, Motion, Piece, Profile
 
 SPARE = 0.5
@@ -127,7 +127,7 @@ class Scene:
     @property
     def described(self) -> Data:
         """Scene as `benchmarks.hostile` writes it."""
-        return {"scenario": self.data, "map": self.map, "least_time": self.least_time}
+        return whole(self.data, map=self.map, least_time=self.least_time)
 
     def scenario(self) -> sp.Scenario:
         """Make the scenario; as a planner that drives knows it at first."""

@@ -276,10 +276,11 @@ class Decision:
     def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip."""
         loop = fresh.loop
+        ahead = fresh.ahead if fresh.unfinished is None else fresh.left_of(fresh.unfinished)
+        if ahead is None:
+            return Refusal("nothing of the last trip leads on to the goal")
         if fresh.unfinished is not None:
-            return self._improved_trip(now, loop, fresh.left_of(fresh.unfinished), begun=True)
-        assert now.last is not None and fresh.ahead is not None, "there is a last trip"
-        ahead = fresh.ahead
+            return self._improved_trip(now, loop, ahead, begun=True)
         radius = now.moment.scenario.vehicle.radius
         if _clearance(loop.problem, ahead) < -DECISION.deep * radius and self._means.safety_gate.stops_will_do:
             room = self._means.safety_gate.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))

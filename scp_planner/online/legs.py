@@ -57,7 +57,8 @@ class LegsAhead:
 
     def __init__(self, asked: Scenario, backward: bool | None = None) -> None:
         """Begin without a manoeuvre, in the gear under way; None: the first state that is reported decides it."""
-        self.asked, self.backward, self._in_gear = with_lines(asked), bool(backward), backward is not None
+        self.asked, self._in_gear = with_lines(asked), backward is not None
+        self.backward = bool(backward) and asked.vehicle.reverse is not None
         self.legs: tuple[Leg, ...] = ()
         self.sets_out = False  # on a leg that plans are to be made for
         self._next: Leg | None = None  # as the last plan has it, where that is certified up to the goal

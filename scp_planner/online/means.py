@@ -511,9 +511,9 @@ class Renewal:
     def ahead(self) -> Trajectory | None:
         return None if self._now.last is None else self.left_of(self._now.last.trip)
 
-    def left_of(self, trip: Trip) -> Trajectory:
-        """Return what is left of a trip in the problem."""
+    def left_of(self, trip: Trip) -> Trajectory | None:
+        """Return what is left of a trip in the problem; None where that does not lead on, as within a wide goal."""
         moment = self._now.moment
         left = remaining_trip(self.problem, trip, moment.state, led=moment.moving is not None)
         self._now.lap("problem")
-        return left
+        return left if 0.0 <= left.travel_time < math.inf else None

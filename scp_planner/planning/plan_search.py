@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import inf
+from math import cos, inf, sin
 from typing import TYPE_CHECKING
 
 from scp_planner.arrays import Array
@@ -118,12 +118,26 @@ def planned(
 
     A route from start to goal, (n, 2) m, is driven ``along`` at first; or a trip is where the search begins.
     """
-    budget = Budget.within(time_limit)
+    budget, scenario = Budget.within(time_limit), _set_apart(scenario)
     request = Request.of(settings, solver, None, budget, thorough=thorough, threat_zones=threat_zones)
     made = PlanSearch(scenario, request, sources=sources, only=Orders.name).run(
         Skeleton(scenario, line=along, begin=begin)
     )
     return replace(made, wall_time=budget.spent)
+
+
+def _set_apart(scenario: Scenario) -> Scenario:
+    """Return a scenario whose start is not at its goal: a vehicle in a wide goal that is not as asked has to move."""
+    start, goal = scenario.start.position, scenario.goal
+    if goal.target is not None or not any(goal_is_elsewhere(scenario)):
+        return scenario
+    goal = changed(goal, radius=0.0, region=None)
+    if not same_place(start, goal.position):
+        return changed(scenario, goal=goal)
+    away = 4.0 * SAME_PLACE * max(scenario.vehicle.radius, *map(abs, start))
+    angle = scenario.start.heading or 0.0
+    ahead = (start[0] + away * cos(angle), start[1] + away * sin(angle))
+    return changed(scenario, goal=changed(goal, position=ahead), guide=None)
 
 
 def plan_of_legs(

@@ -33,3 +33,24 @@ def test_no_distance_raises(kind: str, away: float, gear: dict[str, Any]) -> Non
         plan = planner.replan(0.1 * k, [0.0, 0.0], 0.0, 0.0, deadline=0.1)
     assert plan.arrival_time > 0.0
     assert sp.certify(planner.scenario, plan).holds in (True, False)
+
+
+@pytest.mark.parametrize(
+    "gear",
+    [
+        {"reverse": {"max_speed": 1.0}},
+        {"steering": "on_the_spot", "max_turn_rate": 1.0},
+        {"reverse": {"max_speed": 1.0}, "steering": "on_the_spot", "max_turn_rate": 1.0},
+    ],
+)
+@pytest.mark.parametrize("off", [0.0, 1e-13, 0.5])
+def test_a_vehicle_within_a_wide_goal_that_heads_elsewhere_may_manoeuvre(off: float, gear: dict[str, Any]) -> None:
+    """A scenario that starts there is refused, so the planner asks for another one."""
+    goal = {"position": [20.0, 0.0], "heading": 0.6, "speed": 0.0, "radius": 6.0}
+    planner = sp.Planner(
+        sp.Scenario(vehicle={**CAR, **gear}, start=START, goal=goal), online=sp.OnlineSettings(period=0.1)
+    )
+    for time in (0.0, 0.1, 0.2):
+        plan = planner.replan(time, [20.0 - off, 0.0], 0.0, 0.0)
+        assert plan.safe
+        assert plan.position(time) == pytest.approx([20.0 - off, 0.0], abs=1e-6)

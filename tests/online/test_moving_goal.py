@@ -156,3 +156,21 @@ def test_another_goal_may_move_and_copies_go_on_alike() -> None:
         assert other.replan(0.1, [0.0, 0.0], 0.0, 0.0).arrival_time == plan.arrival_time
     planner.set_limits(max_speed=2.5)
     assert planner.replan(0.2, plan.position(0.2), float(plan.heading(0.2)), float(plan.speed(0.2))).safe
+
+
+@pytest.mark.parametrize("curvature", [0.3, 0.6, 1.5])
+def test_a_limit_may_change_within_the_wide_radius_of_a_target(curvature: float) -> None:
+    """Nothing of the last trip leads on there."""
+    planner = sp.Planner(
+        sp.Scenario(
+            vehicle={"radius": 0.2, "max_speed": 2.3, "max_acceleration": 1.1, "max_deceleration": 5.8},
+            start={"time": 0.0, "position": [0.0, 0.0], "heading": 1.74, "speed": 0.0},
+            goal={"target": {"motion": {"position": [-0.2, 5.2], "velocity": [-0.5, -1.4]}}, "radius": 4.6},
+        ),
+        online=sp.OnlineSettings(period=0.1),
+    )
+    plan = planner.replan(0.0, [0.0, 0.0], 1.74, 0.0)
+    for time in (0.1, 0.2, 0.3, 0.4):
+        planner.set_limits(max_curvature=curvature)
+        plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+        assert plan.safe

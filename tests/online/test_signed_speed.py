@@ -95,6 +95,18 @@ def test_a_vehicle_that_rolls_against_its_gear_stops_first(goal: float, speed: f
     assert plan.arrived
 
 
+def test_the_reverse_gear_may_be_lost_while_a_vehicle_that_turns_on_the_spot_backs_up() -> None:
+    vehicle = {**CAR, "reverse": REVERSE, "steering": "on_the_spot", "max_turn_rate": 1.0}
+    start, goal = ({"time": 0.0, "position": [x, 0.0], "heading": 0.0, "speed": 0.0} for x in (0.0, -6.0))
+    del goal["time"]
+    planner = sp.Planner(sp.Scenario(vehicle=vehicle, start=start, goal=goal), online=sp.OnlineSettings(period=0.1))
+    assert bool(planner.replan(0.0, [0.0, 0.0], 0.0, -0.2).backward(0.1))
+    planner.set_limits(reverse=None)
+    assert not planner.replan(0.1, [0.0, 0.0], 0.0, -0.2).safe
+    plan = planner.replan(0.2, [-0.02, 0.0], 0.0, 0.0)
+    assert plan.safe and not plan.backward(np.linspace(0.2, plan.arrival_time, 20)).any()
+
+
 def test_who_rolls_back_without_a_reverse_gear_is_not_safe_until_it_stands() -> None:
     planner, speed = planner_of(6.0, False), -1.0
     place = np.zeros(2)

@@ -17,6 +17,14 @@ def limit(speed: float, allowed: int = 3) -> bool:
     if not speed < 2.0:
         return True
     return min(speed - 1.5, 4) > 0 and allowed != 3
+
+
+@cache(maxsize=8)
+def far(ways: list[float]) -> float:
+    if len(ways) < 5:
+        raise ValueError("ways", 6, not ways)
+    _log.debug("%d ways", 7)
+    return [a / max(b, 1e-300) for a, b in zip(ways, ways, strict=True)]
 '''
 
 
@@ -43,11 +51,13 @@ def test_every_mutant_is_another_program(mutate: Any, tmp_path: Path, monkeypatc
         assert ast.dump(ast.parse(SOURCE[:begin] + new + SOURCE[end:])) != whole
     told = {(each.old, each.new) for each in mutants}
     assert {
-        ("speed < 2.0", "(speed <= 2.0)"),
+        ("speed < 2.0", "(speed > 2.0)"),
         ("speed - 1.5", "(speed + 1.5)"),
         ("speed - 1.5", "(speed)"),
         ("1.5", "(2.25)"),
         ("not speed < 2.0", "(speed < 2.0)"),
         ("min(speed - 1.5, 4)", "(max(speed - 1.5, 4))"),
     } <= told
-    assert not any("Doc" in old or old == "float" for old, _ in told)
+    assert ("len(ways) < 5", "(len(ways) <= 5)") in told
+    assert not {"8", "6", "not ways", "7", "1e-300", "float", "'Doc.'"} & {old for old, _ in told}
+    assert sum(each.old == "True" for each in mutants) == 1  # the one of `return True`

@@ -294,3 +294,73 @@ def test_a_target_is_kept_clear_of_where_the_offset_leads_past_it(
 
 def test_a_map_of_free_ground_is_no_finding() -> None:
     assert broken(ground=shapely.union_all([])) == set()
+
+
+def winding(bend: float, sharpens: float, speed: float, gains: float, jerk: float) -> Callable[[Array], Array]:
+    """A path whose curvature begins with a bend, 1/m, and sharpens, 1/m2; the speed grows, and its growth, too."""
+
+    def position(t: Array) -> Array:
+        times = np.append(np.linspace(0.0, 1.01, 40_401), 2.0)
+        way = speed * times + 0.5 * gains * times**2 + jerk * times**3 / 6.0
+        heading = bend * way + 0.5 * sharpens * way**2
+        steps = np.diff(way)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)[:-1]
+        turned = 0.5 * np.diff(heading)
+        rotated = np.stack(
+            [
+                steps[:, 0] * np.cos(turned) - steps[:, 1] * np.sin(turned),
+                steps[:, 0] * np.sin(turned) + steps[:, 1] * np.cos(turned),
+            ],
+            axis=1,
+        )
+        places = np.concatenate([np.zeros((1, 2)), rotated.cumsum(axis=0)])
+        return np.stack([np.interp(t, times, places[:, k]) for k in (0, 1)], axis=1)
+
+    return position
+
+
+LOOSE = {"radius": 0.1, "max_speed": 9.0, "max_acceleration": 9.0, "max_deceleration": 9.0}
+
+
+@pytest.mark.parametrize("found", ["curvature", "lateral_acceleration", "total_acceleration"])
+def test_an_excess_of_a_start_may_fall_and_not_rise(found: str) -> None:
+    for bend, sharpens, names in ((1.0, -0.3, set()), (0.6, 0.3, {found})):
+        position = winding(bend, sharpens, 1.0, 0.0, 0.0)
+        start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}
+        vehicle = {**LOOSE, f"max_{found}": 0.5}
+        data = {"vehicle": vehicle, "start": start, "goal": {"position": position(np.ones(1))[0].tolist()}}
+        report = check_trip(data, position, 0.0, 1.0, lowered=True, samples=4000)
+        assert {each.name for each in report.violations} == names
+
+
+@pytest.mark.parametrize(
+    ("found", "limits", "values"),
+    [
+        ("jerk", {"max_jerk": 0.9}, (0.0, 0.0, 1.0, 0.0, 1.0)),
+        ("curvature_rate", {"max_curvature_rate": 0.9}, (0.0, 0.5, 2.0, 0.0, 0.0)),
+        ("curvature_rate", {"max_curvature_rate": 0.9}, (0.5, -0.5, 2.0, -0.5, 0.0)),
+    ],
+)
+def test_jerk_and_the_rate_of_the_curvature_have_no_excess_that_may_fall(
+    found: str, limits: dict[str, float], values: tuple[float, ...]
+) -> None:
+    """They may jump: a start has neither."""
+    position = winding(*values)
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": values[2]}
+    for share, names in ((1.0, {found}), (1.2, set())):
+        vehicle = {**LOOSE, **{name: share * limit for name, limit in limits.items()}}
+        data = {"vehicle": vehicle, "start": start, "goal": {"position": position(np.ones(1))[0].tolist()}}
+        report = check_trip(data, position, 0.0, 1.0, lowered=True, samples=4000)
+        assert {each.name for each in report.violations} == names
+
+
+def test_a_power_above_a_lowered_limit_may_fall_and_not_rise() -> None:
+    for jerk, names in ((-0.9, set()), (0.5, {"power"})):
+        position = winding(0.0, 0.0, 1.0, 0.9, jerk)
+        start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}
+        data = {
+            "vehicle": {**LOOSE, "max_power": 0.8},
+            "start": start,
+            "goal": {"position": [position(np.ones(1))[0, 0], 0.0]},
+        }
+        report = check_trip(data, position, 0.0, 1.0, lowered=True, samples=4000)
+        assert {each.name for each in report.violations} == names

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import scp_planner as sp
-from benchmarks.hostile.combined import occupied_ground
-from benchmarks.hostile.oracle import tolerances
+from benchmarks.hostile.oracle import occupied_ground, tolerances
 from benchmarks.pairs import features, online
 from benchmarks.pairs.__main__ import main
 from benchmarks.pairs.scene import Feature, build

@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 
 import scp_planner as sp
-from benchmarks.hostile.combined import map_of
-from benchmarks.hostile.wild import Data, Rng
+from benchmarks.hostile.features import Data, Rng
+from benchmarks.hostile.scenes import map_of
 from benchmarks.pairs.features.grid import draw_map, freed
 from benchmarks.pairs.features.ground import draw_walls
 from benchmarks.pairs.motion import Array

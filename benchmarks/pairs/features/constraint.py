@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from benchmarks.hostile.wild import Rng
+from benchmarks.hostile.features import Rng
 from benchmarks.pairs.scene import Scene
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from benchmarks.hostile.wild import Data, Rng
+from benchmarks.hostile.features import Data, Rng
 from benchmarks.pairs.motion import Array
 from benchmarks.pairs.scene import Scene
 

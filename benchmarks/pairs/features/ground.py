@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from benchmarks.hostile.wild import Rng
+from benchmarks.hostile.features import Rng
 from benchmarks.pairs.motion import Array
 from benchmarks.pairs.scene import Scene
 

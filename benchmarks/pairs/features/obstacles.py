@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.hostile.wild import Data, Rng
+from benchmarks.hostile.features import Data, Rng
 from benchmarks.pairs.motion import Array
 from benchmarks.pairs.scene import FARTHER, Scene
 

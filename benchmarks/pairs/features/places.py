@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.hostile.wild import Rng
+from benchmarks.hostile.features import Rng
 from benchmarks.pairs.scene import Scene
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hostile.wild import Data, Rng
+from benchmarks.hostile.features import Data, Rng
 from benchmarks.pairs.features.obstacles import KNOTS, course, cross
 from benchmarks.pairs.motion import Array
 from benchmarks.pairs.scene import Scene

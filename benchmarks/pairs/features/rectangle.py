@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.hostile.wild import Rng
+from benchmarks.hostile.features import Rng
 from benchmarks.pairs.scene import Scene
 
 

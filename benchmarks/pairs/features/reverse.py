@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from benchmarks.hostile.wild import Rng
+from benchmarks.hostile.features import Rng
 from benchmarks.pairs.motion import USED, Drive
 from benchmarks.pairs.scene import Scene, lead_in, lead_out
 

@@ -1,7 +1,7 @@
-"""Wild but legal scenarios: every feature of the format, in odd combinations, of any size, place and clock.
+"""Scenes from the product of features: whatever a scenario, a map and a user's constraint can say, in odd combinations.
 
-A scenario is drawn in units of its own, in which lengths are some metres and times some seconds, and then scaled.
-What is planned for the scaled one is checked in the units that it was drawn in, for whose sizes the windows and
+A scene is drawn in units of its own, in which lengths are some metres and times some seconds, and then scaled to any
+size, place and clock. What comes of it is judged in the units that it was drawn in, for whose sizes the windows and
 tolerances of the dense check are made.
 """
 
@@ -9,59 +9,85 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from benchmarks.hostile.features import Way, enrich
-
-Data = dict[str, Any]
-Rng = np.random.Generator
+import scp_planner as sp
+from benchmarks.hostile.features import Data, Rng, Way, draw_map, enrich
+from benchmarks.hostile.scaling import scaled
 
 LENGTHS, TIMES = (0.5, 50.0), (0.3, 3.0)
-"""m and s that a unit of a scenario may become."""
-ENRICHED = 0.6
-"""How often a scenario has what others have not: walls, goals that are regions, several futures."""
+"""m and s that a unit of a scene may become."""
+ENRICHED = 0.8
+"""Share of the scenes that have features besides those of their base."""
+MAPPED, BOUND = 0.1, 0.03
+"""Share of the scenes with a map, and with a user's constraint."""
 FARTHEST, CLOCK = 300.0, 300.0
-"""Units; how far from the origin, and how far from time 0, a trip may begin."""
+"""Units; largest distance from the origin, and from time 0, at which a trip begins."""
 DIGITS = 9
 
 
-@dataclass(frozen=True)
-class Wild:
-    """A scenario in its own units, and what these are.
-
-    Attributes
-    ----------
-    data : dict
-        In its own units.
-    length, time : float
-        m and s.
-    """
-
-    data: Data
-    length: float
-    time: float
-
-    def scaled(self) -> Data:
-        """Give the scenario in m and s."""
-        return scaled(self.data, self.length, self.time)
-
-
-def wild(rng: Rng) -> Wild:
-    """Draw a scenario; most are legal, and most of those have a trip."""
+def draw(rng: Rng) -> Data:
+    """Draw a scene: a scenario, a map or None, the least time of a trip or None, and its units, m and s."""
     length, time = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (LENGTHS, TIMES))
     if rng.random() < 0.5:
         length = time = 1.0
-    return Wild(_rounded(_Scene(rng).draw()), length, time)
+    base = _Base(rng)
+    scenario = base.draw()
+    way = Way(base.begin, base.ahead, base.distance, base.clock)
+    made: Data = {"map": None, "least_time": None, "length": length, "time": time}
+    if rng.random() < ENRICHED:
+        enrich(scenario, way, rng)
+    if rng.random() < MAPPED:
+        made["map"] = draw_map(way, rng)
+        scenario["corridor"] = None
+    if rng.random() < BOUND and not made["map"]:
+        made["least_time"] = float(rng.uniform(1.0, 2.0)) * way.distance / scenario["vehicle"]["max_speed"]
+    return {"scenario": _rounded(scenario), **made}
+
+
+def whole(data: Data, **more: Any) -> Data:
+    """Make a scene of a scenario as a dict, in its own units."""
+    return {"scenario": data, "map": None, "least_time": None, "length": 1.0, "time": 1.0, **more}
+
+
+def scenario_of(scene: Data) -> sp.Scenario:
+    """Make the scenario of a scene, in m and s."""
+    data = scaled(scene["scenario"], scene["length"], scene["time"])
+    if scene["map"] is None:
+        return sp.Scenario(**data)
+    ground = sp.Ground(map=map_of(scaled(scene["map"], scene["length"], scene["time"])))
+    return sp.Scenario(**{**data, "ground": ground})
+
+
+def aim(goal: Data) -> list[float]:
+    """Give the place that a trip leads to, roughly: a goal that is a region need not say."""
+    if goal.get("position") is not None:
+        return list(goal["position"])
+    return [math.fsum(values) / len(values) for values in zip(*goal["region"], strict=True)]
+
+
+def map_of(ground: Data) -> sp.OccupancyMap:
+    """Make the map that is described."""
+    cells = np.array(ground["cells"], dtype=bool)
+    rest = {key: ground[key] for key in ("resolution", "yaw", "beyond")}
+    return sp.OccupancyMap(cells, origin=tuple(ground["origin"]), **rest)
+
+
+def constraints_of(scene: Data) -> Callable[[Any], list[Any]] | None:
+    """Make the user's constraint of a scene."""
+    if scene["least_time"] is None:
+        return None
+    least = scene["least_time"] * scene["time"]
+    return lambda trip: [trip.travel_time >= least]
 
 
 def _maybe(rng: Rng, probability: float, draw: Callable[[], Any]) -> Any:
     return draw() if rng.random() < probability else None
 
 
-class _Scene:
+class _Base:
     def __init__(self, rng: Rng) -> None:
         self.rng = rng
         self.begin = rng.uniform(-FARTHEST, FARTHEST, 2) if rng.random() < 0.5 else np.zeros(2)
@@ -102,10 +128,8 @@ class _Scene:
                 "level": str(rng.choice(["per_time", "per_obstacle", "joint"])),
             },
         }
-        count = int(rng.choice([0, 1, 2, 3, 5, 8, 20], p=[0.08, 0.17, 0.2, 0.2, 0.2, 0.1, 0.05]))
+        count = int(rng.choice([0, 1, 2, 3, 5, 8, 20], p=[0.2, 0.2, 0.2, 0.15, 0.15, 0.07, 0.03]))
         data["obstacles"] = [self._obstacle(k) for k in range(count)]
-        if rng.random() < ENRICHED:
-            enrich(data, Way(self.begin, self.ahead, self.distance, self.clock), rng)
         return data
 
     def _vehicle(self) -> Data:
@@ -181,11 +205,8 @@ class _Scene:
         if kind == "observed":
             made.update(self._observed(place, velocity, acceleration))
         elif kind == "motion":
-            made["motion"] = {
-                "position": (place - velocity * self.clock + acceleration * self.clock**2 / 2.0).tolist(),
-                "velocity": (velocity - acceleration * self.clock).tolist(),
-                "acceleration": acceleration.tolist(),
-            }
+            motion = {"position": place, "velocity": velocity, "acceleration": acceleration}
+            made["motion"] = {key: value.tolist() for key, value in motion.items()}
         else:
             times = self.clock + np.cumsum(rng.uniform(0.3, 2.5, int(rng.integers(2, 8)))) - rng.uniform(0.0, 3.0)
             since = (times - self.clock)[:, None]
@@ -229,89 +250,3 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return round(float(value), DIGITS)
     return value
-
-
-_POWERS = {
-    # of the length and of the time in the quantity of each key
-    "radius": (1, 0),
-    "max_speed": (1, -1),
-    "speed": (1, -1),
-    "max_acceleration": (1, -2),
-    "max_deceleration": (1, -2),
-    "max_lateral_acceleration": (1, -2),
-    "max_curvature": (-1, 0),
-    "max_jerk": (1, -3),
-    "max_curvature_rate": (-1, -1),
-    "discs": (1, 0),
-    "time": (0, 1),
-    "position": (1, 0),
-    "velocity": (1, -1),
-    "acceleration": (1, -2),
-    "earliest_arrival": (0, 1),
-    "latest_arrival": (0, 1),
-    "guide": (1, 0),
-    "min": (1, 0),
-    "max": (1, 0),
-    "corridor": (1, 0),
-    "from": (1, 0),
-    "to": (1, 0),
-    "disc": (1, 0),
-    "polygon": (1, 0),
-    "rectangle": (1, 0),
-    "margin": (1, 0),
-    "covariance": (2, 0),
-    "acceleration_deviation": (1, -2),
-    "max_total_acceleration": (1, -2),
-    "max_power": (2, -3),
-    "centre": (1, 0),
-    "region": (1, 0),
-    "speed_range": (1, -1),
-    "arrival_step": (0, 1),
-    "walls": (1, 0),
-    "line": (1, 0),
-    "ellipse": (1, 0),
-    "manoeuvre": (1, -2),
-    "deviation": (1, -2),
-    "time_constant": (0, 1),
-    "velocity_deviation": (1, -1),
-    "noise_deviation": (1, 0),
-    "lead_time": (0, 1),
-}
-_OF_A_STATE = ((1, 0), (1, -1), (1, -2))
-
-
-def scaled(data: Any, length: float, time: float) -> Any:
-    """Give a scenario whose unit of length, m, and of time, s, are these."""
-    if isinstance(data, dict):
-        if "diffusion" in data:
-            powers = (2, -5) if data["kind"] == "random_walk_acceleration" else (2, -3)
-            rest = {key: value for key, value in data.items() if key != "diffusion"}
-            return {**scaled(rest, length, time), "diffusion": data["diffusion"] * _unit(powers, length, time)}
-        if "estimate" in data:
-            rest = {key: value for key, value in data.items() if key != "estimate"}
-            return {**scaled(rest, length, time), "estimate": _scaled_estimate(data["estimate"], length, time)}
-        return {
-            key: _times(value, _unit(_POWERS[key], length, time)) if key in _POWERS else scaled(value, length, time)
-            for key, value in data.items()
-        }
-    if isinstance(data, list):
-        return [scaled(item, length, time) for item in data]
-    return data
-
-
-def _unit(powers: tuple[int, int], length: float, time: float) -> float:
-    return length ** powers[0] * time ** powers[1]
-
-
-def _scaled_estimate(given: Data, length: float, time: float) -> Data:
-    """What a tracker says: its covariance is of quantities of several units."""
-    known = len(given["covariance"]) // 2
-    units = np.repeat([_unit(powers, length, time) for powers in _OF_A_STATE[:known]], 2)
-    rest = {key: value for key, value in given.items() if key != "covariance"}
-    return {**scaled(rest, length, time), "covariance": (np.outer(units, units) * given["covariance"]).tolist()}
-
-
-def _times(value: Any, factor: float) -> Any:
-    if isinstance(value, list):
-        return [_times(item, factor) for item in value]
-    return value if value is None else value * factor
