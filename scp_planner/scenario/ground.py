@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, WithJso
 from pydantic_core import PydanticCustomError
 
 from scp_planner.errors import Fault, ScenarioError
+from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.scenario.map_files import GEOJSON, load_map, read_polygons
@@ -24,6 +25,9 @@ def _wrong(message: str) -> PydanticCustomError:
 def _map(value: Any) -> OccupancyMap:
     if not isinstance(value, OccupancyMap):
         raise _wrong("must be the name of a file, or an OccupancyMap")
+    farthest = max(map(abs, value.origin)) + value.resolution * sum(value.occupied.shape)
+    if not 1.0 / LARGEST_COORDINATE <= value.resolution <= farthest <= LARGEST_COORDINATE:
+        raise _wrong(f"must reach no farther than {LARGEST_COORDINATE:g} m, with cells of {1 / LARGEST_COORDINATE:g} m")
     return value
 
 
