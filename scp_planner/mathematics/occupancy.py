@@ -139,7 +139,10 @@ class OccupancyMap:
         return np.clip(np.floor(places), -beyond, last + beyond).astype(np.intp)
 
     def occupied_in(self, low: Array, high: Array) -> Index:
-        """Return the occupied cells (n, 2), column and row, between places in cells; beyond the grid the nearest."""
+        """Return the occupied cells (n, 2), column and row, between two places, (2,) relative to a cell's size.
+
+        Of those beyond the grid these are the nearest alone.
+        """
         first = self.clipped(low)
         rows, columns = np.nonzero(self.window(first, self.clipped(high)))
         cells: Index = np.stack([columns, rows], axis=1) + first
