@@ -131,7 +131,7 @@ class OccupancyMap:
         return found
 
     def clipped(self, places: Array, beyond: int = 1) -> Index:
-        """Return the cells that places (..., 2), in cells, lie in; of those beyond the grid the nearest so far beyond.
+        """Return the cells of places, (..., 2) relative to a cell's size; beyond the grid the nearest ones so far out.
 
         So no window is larger than the grid and a border, however small its cells and however far off a place is.
         """
