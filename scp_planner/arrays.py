@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -69,7 +70,7 @@ def rows_of(part: Rows, some: Index | Mask | slice) -> Rows:
         return np.ascontiguousarray(values[some]) if _is_by_row(values, count) else values
 
     count = _count(part)
-    return replace(part, **{one.name: taken(getattr(part, one.name)) for one in fields(part)})
+    return replace(part, **{name: taken(getattr(part, name)) for name in _names(type(part))})
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
@@ -84,13 +85,18 @@ def joined(parts: Sequence[Rows]) -> Rows:
         return np.concatenate(several)
 
     counts = [_count(part) for part in parts]
-    names = [one.name for one in fields(parts[0])]
+    names = _names(type(parts[0]))
     return replace(parts[0], **{name: together([getattr(part, name) for part in parts]) for name in names})
+
+
+@lru_cache
+def _names(kind: type[DataclassInstance]) -> tuple[str, ...]:
+    return tuple(one.name for one in fields(kind))
 
 
 def _count(part: DataclassInstance) -> int:
     """Number of rows: of the first array."""
-    values = (getattr(part, one.name) for one in fields(part))
+    values = (getattr(part, name) for name in _names(type(part)))
     return next((len(one) for one in values if isinstance(one, np.ndarray)), 0)
 
 

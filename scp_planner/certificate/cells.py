@@ -38,13 +38,14 @@ class NearCells:
             np.floor(low / sight).astype(np.intp) - 1, np.floor(high / sight).astype(np.intp) + 1, strict=True
         ):
             blocks.update((x, y) for x in range(first[0], last[0] + 1) for y in range(first[1], last[1] + 1))
-        found = [np.zeros((0, 2))]
+        found: list[Array] = [np.zeros((0, 2))]
         for block in sorted(blocks):
-            corner = sight * np.array(block, dtype=np.intp)
-            cells = ground.window(corner - 1, corner + sight)
+            corner = sight * np.array(block)
+            first = ground.clipped(corner - 1, 2)
+            cells = ground.window(first, ground.clipped(corner + sight, 2))
             inner = cells[:-2, 1:-1] & cells[2:, 1:-1] & cells[1:-1, :-2] & cells[1:-1, 2:]
             rows, columns = np.nonzero(cells[1:-1, 1:-1] & ~inner)
-            found.append(np.stack([columns + corner[0], rows + corner[1]], axis=1) + 0.5)
+            found.append((np.stack([columns, rows], axis=1) + first).astype(np.float64) + 1.5)
         return cls(ground, np.concatenate(found), float(sight))
 
     @cached_property
@@ -70,7 +71,7 @@ class NearCells:
             value = np.minimum(value, nearest)
             rest = away[:, -1] - SLACK if count < len(self.centres) else np.inf  # those that were not looked at
             lower = np.minimum(value, np.minimum(rest, self.beyond - SLACK))
-        inside = self.ground.at(np.floor(places).astype(np.intp))
+        inside = self.ground.at(self.ground.clipped(places))
         return np.where(inside, -1.0, value), np.where(inside, -1.0, lower)
 
 

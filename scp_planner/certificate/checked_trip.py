@@ -233,7 +233,7 @@ class CheckedTrip(Checked[Enclosure]):
         standing = 0 if batch.ground is None else len(batch.ground.zones)
         if batch.size - standing <= PIECES.many_zones:
             return batch
-        top = max(float(trajectory.speed_control_points().max()), 0.0)
+        top = max(trajectory.top_speed, 0.0)
         ahead = max(map(abs, self.scenario.vehicle.discs))
         for count in NEARNESS.looks:
             self.go_on()

@@ -60,5 +60,5 @@ class TripUnit:
             scenario,
             sum(one.driven_length for one in driven),
             sum(one.travel_time for one in driven),
-            max(float(one.speed_control_points().max()) for one in driven),
+            max(one.top_speed for one in driven),
         )

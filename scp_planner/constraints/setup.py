@@ -11,7 +11,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.tolerances import to_digits
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario, Vehicle
-from scp_planner.scenario.places import Stretch
+from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -20,6 +20,23 @@ OPTIONAL_MARGIN = 2.5e-4  # relative, of limits that only some vehicles have, be
 LEAST_LEFT = 0.1  # of a limit that is broken at the start: so fast the vehicle still is, after braking, at least
 SAME_SPEED = 1e-9  # relative: a start that is faster than the limit by rounding is not
 USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ninth of the trip
+
+
+HARDEST = 1.0 - 5e-7  # of the strongest braking: as hard as an excess has to fall, and within the limit, to rounding
+
+
+def begins_beyond(scenario: Scenario) -> bool:
+    """True if a trip begins faster than the vehicle may be, by a limit of its own or of a place."""
+    start, limit = scenario.start, scenario.vehicle.max_speed
+    if scenario.speed_limits:
+        about = np.array([start.position])
+        limit = min(limit, float(limits_at(stretches(scenario), about)[0]))
+    return start.speed > limit * (1.0 + SAME_SPEED)
+
+
+def hardest_deceleration(vehicle: Vehicle) -> float:
+    """Braking of a start beyond a limit, m/s^2, without margin: no trip is slower at any time."""
+    return HARDEST * min(vehicle.max_deceleration, vehicle.max_total_acceleration or np.inf)
 
 
 def kept_of_limits(settings: SceneSettings) -> float:
@@ -59,7 +76,8 @@ class Setup:
     def highest_speeds(self, limit: float, tau: float) -> Array:
         """Highest control points of the speed after the first, m/s: a limit, and above it what brakes can reach.
 
-        From a start above the vehicle's limit it brakes until one is within: from one to the next speeds are straight.
+        From a start above the vehicle's limit it brakes until one is within that, without the margin: from one to the
+        next speeds are straight.
         """
         rows, first = self.space.drive.speed_control[1:], self.space.start_speed
         if first <= limit:
@@ -67,7 +85,7 @@ class Setup:
         braking = first + tau * (rows @ self.lowest_accelerations)
         if first <= self.vehicle.max_speed * (1.0 + SAME_SPEED):
             return np.maximum(braking, limit)
-        brakes = np.append(first, braking[:-1]) > limit
+        brakes = np.append(first, braking[:-1]) > self.vehicle.max_speed
         return np.where(brakes, np.maximum(braking, LEAST_LEFT * limit), limit)
 
     @property

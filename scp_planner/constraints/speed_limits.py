@@ -121,14 +121,20 @@ class SpeedLimits(Constraint):
         pieces = _OtherPieces.beside(trajectory, at_gates, speed, beside[count:], limits)
         own = space.time_table(beside).acceleration @ trajectory.beta
         fixed = limits_at(self.stretches, path.station_positions, self._about.at(stations))
-        fixed[0] = np.inf  # the speed at the start is given
+        beyond, fixed[0] = space.start_speed > fixed[0], np.inf  # the speed at the start is given
         moving = limits_at(self.stretches, jumps.path.position, self._about.at(jumps.parameter))
+        allowed = np.concatenate([fixed, limits, pieces.limit, moving])
+        if beyond:
+            # As fast as brakes allow, after the same way; rows leave out that this moves with the path
+            ways = np.concatenate([driven, driven[count:], driven[count:], jumps.distance])
+            stop = np.sqrt(np.maximum(space.start_speed**2 - 2.0 * self.setup.limits.deceleration * ways, 0.0))
+            allowed = np.maximum(allowed, stop)
         return _SpeedSites(
             np.concatenate([stations, *[np.maximum(gates, 0.0)] * 3, jumps.parameter]),
             np.concatenate([arrivals.sigma, at_gates, at_gates, self._jumps.sigma]),
             np.concatenate([arrivals.speed, pieces.speed, jumps.speed]),
             np.concatenate([own, pieces.acceleration, jumps.acceleration]),
-            np.concatenate([fixed, limits, pieces.limit, moving]),
+            allowed,
             pieces,
         )
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +25,8 @@ class OccupancyMap:
     Parameters
     ----------
     occupied : array_like of bool
-        (rows, columns), which is copied; the first row is the lowest one, as in ``nav_msgs/OccupancyGrid``. A cell is
-        closed: its border belongs to it.
+        (rows, columns), or numbers 0 and 1, which is copied; the first row is the lowest one, as in
+        ``nav_msgs/OccupancyGrid``. A cell is closed: its border belongs to it.
     resolution : float
         Edge of a cell, m.
     origin : tuple of float
@@ -49,7 +52,7 @@ class OccupancyMap:
     Raises
     ------
     ValueError
-        If the cells are no grid, or the resolution or the origin are no numbers that can be.
+        If the cells are no grid of these, or the resolution, the origin or the yaw are no numbers that can be.
     """
 
     occupied: Mask
@@ -60,15 +63,17 @@ class OccupancyMap:
     source: str | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        cells = np.asarray(self.occupied)
-        if cells.ndim != 2 or 0 in cells.shape:
-            raise ValueError(f"occupied: must be a grid of rows and columns, not of shape {cells.shape}")
-        if not (self.resolution > 0.0 and np.isfinite(self.resolution)):
+        object.__setattr__(self, "occupied", _cells(self.occupied))
+        if not (_is_finite(self.resolution) and self.resolution > 0.0):
             raise ValueError(f"resolution: {self.resolution!r} must be a positive number of m")
-        if not np.isfinite([*self.origin, self.yaw]).all() or len(self.origin) != 2:
-            raise ValueError(f"origin: {self.origin!r}, yaw {self.yaw!r} must be two numbers of m and one of rad")
-        object.__setattr__(self, "occupied", cells.astype(bool))  # its own: that of the caller may change
-        object.__setattr__(self, "origin", (float(self.origin[0]), float(self.origin[1])))
+        origin = self.origin if isinstance(self.origin, (Sequence, np.ndarray)) else ()
+        if len(origin) != 2 or not all(map(_is_finite, origin)):
+            raise ValueError(f"origin: {self.origin!r} must be two numbers of m")
+        if not _is_finite(self.yaw):
+            raise ValueError(f"yaw: {self.yaw!r} must be a number of rad")
+        if not isinstance(self.beyond, (bool, np.bool_)):
+            raise ValueError(f"beyond: {self.beyond!r} must be true or false")
+        object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))
 
     def __repr__(self) -> str:
         rows, columns = self.occupied.shape
@@ -125,16 +130,30 @@ class OccupancyMap:
             found[first[1] - low[1] : last[1] - low[1], first[0] - low[0] : last[0] - low[0]] = part
         return found
 
+    def clipped(self, places: Array, beyond: int = 1) -> Index:
+        """Return the cells of places, (..., 2) relative to a cell's size; beyond the grid the nearest ones so far out.
+
+        So no window is larger than the grid and a border, however small its cells and however far off a place is.
+        """
+        last = np.array(self.occupied.shape[::-1]) - 1
+        return np.clip(np.floor(places), -beyond, last + beyond).astype(np.intp)
+
+    def occupied_in(self, low: Array, high: Array) -> Index:
+        """Return the occupied cells (n, 2), column and row, between two places, (2,) relative to a cell's size.
+
+        Of those beyond the grid these are the nearest alone.
+        """
+        first = self.clipped(low)
+        rows, columns = np.nonzero(self.window(first, self.clipped(high)))
+        cells: Index = np.stack([columns, rows], axis=1) + first
+        return cells
+
     def distance(self, point: Point, within: float) -> float:
         """Distance of a point from the nearest occupied cell, m; inf if that is not within a distance, m."""
         place, reach = self.local(point), within / self.resolution
-        # Of what lies beyond the grid, the cells along its border are the nearest, but for those that hold the point.
-        ends = np.array([place, place - reach, place + reach]).clip(-1, self.occupied.shape[::-1])
-        cell, low, high = np.floor(ends).astype(np.intp)
-        if self.at(cell):
+        if self.at(self.clipped(place)):
             return 0.0
-        rows, columns = np.nonzero(self.window(low, high))
-        away = np.stack([columns + low[0], rows + low[1]], axis=1) - place
+        away = self.occupied_in(place - reach, place + reach) - place
         outside = np.maximum(np.maximum(away, -1.0 - away), 0.0)  # of the square from the corner on
         return self.resolution * float(np.hypot(*outside.T).min(initial=np.inf))
 
@@ -145,11 +164,38 @@ class OccupancyMap:
         )
 
 
+def _cells(given: Any) -> Mask:
+    """Copy cells, which their caller may change, as booleans."""
+    if np.ma.is_masked(given):
+        raise ValueError("occupied: must have no masked cells: fill them with what they count as")
+    try:
+        cells = np.array(given)
+    except ValueError:
+        raise ValueError("occupied: must be a grid whose rows are equally long") from None
+    if cells.ndim != 2 or 0 in cells.shape:
+        raise ValueError(f"occupied: must be a grid of rows and columns, not of shape {cells.shape}")
+    odd = np.argwhere(~((cells == 0) | (cells == 1))) if cells.dtype.kind in "biuf" else [(0, 0)]
+    if len(odd):
+        row, column = odd[0]
+        text = "must be a boolean, or 0 or 1: compare others with what counts as occupied"
+        raise ValueError(f"occupied[{row}][{column}]: {cells.tolist()[row][column]!r} {text}")
+    return cells.astype(bool)
+
+
+def _is_finite(value: Any) -> bool:
+    return (
+        type(value) is not bool
+        and isinstance(value, (int, float, np.integer, np.floating))
+        and bool(-sys.float_info.max <= value <= sys.float_info.max)
+    )
+
+
 def pooled(ground: OccupancyMap, count: int) -> OccupancyMap:
-    """The map with so many cells as one, occupied where one of them is."""
+    """The map with so many cells as one, or as one as many as it has, occupied where one of them is."""
+    rows, columns = ground.occupied.shape
+    count = min(count, max(rows, columns))
     if count == 1:
         return ground
-    rows, columns = ground.occupied.shape
     padded = np.pad(ground.occupied, ((0, -rows % count), (0, -columns % count)), constant_values=ground.beyond)
     shape = padded.shape[0] // count, count, padded.shape[1] // count, count
     found: Mask = np.any(padded.reshape(shape), axis=(1, 3))

@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask, cross, unit_vectors
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, far_ellipse_contact, support
 from scp_planner.mathematics.frames import covariance_turned_back
-from scp_planner.mathematics.tolerances import AT_VERTEX, STRAIGHT
+from scp_planner.mathematics.tolerances import AT_VERTEX, ON_LINE
 
 
 @dataclass(frozen=True)
@@ -346,13 +346,13 @@ def _rotation(angle: float) -> Array:
 
 
 def _tidy(vertices: Array) -> Array:
-    """Vertices anticlockwise, without those in line with their neighbours."""
+    """Vertices anticlockwise, without those that are off the line through their neighbours by rounding alone."""
+    rounding = ON_LINE * float(np.abs(vertices).max())
     if _area(vertices) < 0.0:
         vertices = vertices[::-1]
     while len(vertices) > 3:
         before, after = vertices - _last(vertices), _next(vertices) - vertices
-        turn = cross(before, after)
-        straight = np.abs(turn) <= STRAIGHT * np.hypot(*before.T) * np.hypot(*after.T)
+        straight = np.abs(cross(before, after)) <= rounding * np.hypot(*(before + after).T)
         if not straight.any():
             break
         vertices = np.delete(vertices, int(np.argmax(straight)), axis=0)

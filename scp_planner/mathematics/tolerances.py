@@ -12,6 +12,7 @@ SHORTEST_COURSE = 1e-9  # of a course: shorter pieces are left out
 NO_LEAD = 1e-14  # least leading coefficient of a polynomial, relative to its largest
 NEARLY_REAL = 1e-3  # of half an interval: imaginary part of a root that counts as real
 STRAIGHT = 1e-12  # relative: directions that differ by less are in line
+ON_LINE = 2e-16  # relative to the largest coordinate: what is nearer to a line is on it
 AT_VERTEX = 1e-12  # relative to the outline: nearer to a vertex than this, the normal of an edge is taken
 DIGITS = 12  # that count, of limits
 

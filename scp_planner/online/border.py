@@ -38,11 +38,12 @@ class CellDistances:
     def about(cls, ground: OccupancyMap, place: Array, reach: float) -> CellDistances:
         """Look at the cells of a map within a reach of a place, (2,) m."""
         half = ceil(reach / ground.resolution) + 1
-        low = np.floor(ground.local(place)).astype(np.intp) - half
-        window = ground.window(low, low + 2 * half)
+        middle = np.floor(ground.local(place))
+        low = ground.clipped(middle - half)
+        window = ground.window(low, ground.clipped(middle + half))
         corner = ground.world(low.astype(float))
         cells = OccupancyMap(window, ground.resolution, (corner[0], corner[1]), ground.yaw, ground.beyond)
-        return cls(ground, pooled(cells, ceil(len(window) / CELL_WINDOW.most_cells)), place, reach)
+        return cls(ground, pooled(cells, ceil(max(window.shape) / CELL_WINDOW.most_cells)), place, reach)
 
     @cached_property
     def _signed(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -242,6 +243,7 @@ class SafetyGate:
         """``stop_from`` makes the stop behind the end of a trip; None: no end needs one."""
         self._stop_from = stop_from
         self.fastest_end = math.inf  # m/s, from which the vehicle can stop behind the last trip that was refused there
+        self._stops_behind: tuple[object, ...] = ()  # The last trip behind which it can, and all that this depends on
         self.wait = wait
         self.period = period
         self.stops_will_do = stops_will_do
@@ -417,20 +419,26 @@ class SafetyGate:
 
     def _certify_behind(self, now: Moment, trip: Trip) -> Certificate | None:
         """Certify the stop behind a trip that ends at speed, among all whose motion is known; None where it holds."""
-        end = State.at_end(trip)
-        stop_from = self._stop_from
-        if stop_from is None or end.speed <= STOPS.standing:
-            return None
+        stop_from, scenario = self._stop_from, now.scenario
         known = tuple(zone for zone in now.zones if zone.covariances is None)
+        around = (*known, scenario.bounds, scenario.corridor, scenario.ground)
+        asked = (trip, scenario.vehicle, now.tube, *around)
+        seen = len(asked) == len(self._stops_behind) and all(map(operator.is_, asked, self._stops_behind))
+        if stop_from is None or seen or not any(one is not None for one in around):
+            return None
+        end = State.at_end(trip)
+        if end.speed <= STOPS.standing:
+            return None
 
         def certificate(speed: float) -> Certificate:
             scope = Scope(ends=Ends(0), precision=math.inf, tube=now.tube)
-            found = certify_trip(now.scenario, stop_from(replace(end, speed=speed)), known, scope)
+            found = certify_trip(scenario, stop_from(replace(end, speed=speed)), known, scope)
             leaves = tuple(one for one in found.violations if not one.is_of_limit)
             return replace(found, holds=not leaves, violations=leaves)
 
         found = certificate(end.speed)
         if found.holds:
+            self._stops_behind = asked
             return None
         low, high = 0.0, end.speed
         for _ in range(SAFETY_GATE.halvings):

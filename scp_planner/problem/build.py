@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.constraints.ends import end_conditions
 from scp_planner.constraints.registry import constraints_of
-from scp_planner.constraints.setup import Setup, kept_of_limits
+from scp_planner.constraints.setup import Setup, begins_beyond, hardest_deceleration, kept_of_limits
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.tolerances import DECIMALS, to_digits
 from scp_planner.problem.guides import default_guide, path_spans
@@ -55,11 +55,14 @@ def build_problem(
         settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
     frame = PlanningFrame.between(start.position, goal.position, start.time)
     limits = Limits.of(scenario, settings.limit_margin).rounded()
+    beyond = begins_beyond(scenario)
+    if beyond:
+        limits = replace(limits, deceleration=hardest_deceleration(scenario.vehicle))
     if guide is None:
         guide = default_guide(scenario, frame, limits, settings)
     slow = slow_stretches(scenario, frame, settings)
     shared = scenario.vehicle.max_total_acceleration is not None or scenario.vehicle.max_power is not None
-    profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
+    profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared or beyond else None
     if breakpoints is None:
         breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
     spans = spans or path_spans(guide, settings)

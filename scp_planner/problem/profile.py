@@ -35,9 +35,12 @@ def fastest_profile(
     deceleration: float,
     power: float = np.inf,
 ) -> SpeedProfile:
-    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards."""
+    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards.
+
+    From a start beyond them it brakes until it is within.
+    """
     step = float(stations[1] - stations[0])
-    squared = limits.astype(float) ** 2
+    squared = np.maximum(limits.astype(float) ** 2, start**2 - 2.0 * deceleration * (stations - stations[0]))
     squared[0] = start**2
     if goal is not None:
         squared[-1] = min(squared[-1], goal**2)

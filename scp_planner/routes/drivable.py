@@ -155,6 +155,7 @@ class _PoseCells:
 
     def __init__(self, free: Mask, side: int) -> None:
         rows, columns = free.shape
+        side = min(side, max(rows, columns))
         padded = np.pad(free, ((0, -rows % side), (0, -columns % side)))
         shape = padded.shape[0] // side, side, padded.shape[1] // side, side
         used = padded.reshape(shape).any(axis=(1, 3))

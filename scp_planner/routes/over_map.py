@@ -93,8 +93,8 @@ class MapRoutes:
     def _free_cell(self, coarse: OccupancyMap, free: Mask, place: Array) -> Index | None:
         """The free cell that is nearest to a place, (column, row), within the vehicle's or the goal's radius."""
         reach = ceil(max(self.radius, self.scenario.goal.radius) / coarse.resolution) + 1
-        low = np.maximum(np.floor(place).astype(np.intp) - reach, 0)
-        rows, columns = np.nonzero(free[low[1] : low[1] + 2 * reach + 1, low[0] : low[0] + 2 * reach + 1])
+        low, high = coarse.clipped(place - reach, 0), coarse.clipped(place + reach, 0) + 1
+        rows, columns = np.nonzero(free[low[1] : high[1], low[0] : high[0]])
         if len(rows) == 0:
             return None
         cells = np.stack([columns, rows], axis=1) + low
@@ -146,9 +146,9 @@ class MapRoutes:
         polygon = np.array(
             [corners[0] - wide * aside, corners[1] - wide * aside, corners[1] + wide * aside, corners[0] + wide * aside]
         )
-        low = np.floor(polygon.min(axis=0)).astype(np.intp)
-        rows, columns = np.nonzero(ground.window(low, np.floor(polygon.max(axis=0)).astype(np.intp)))
-        cells = np.stack([columns, rows], axis=1) + low + 0.5
+        if ground.at(ground.clipped(np.stack([one, other]))).any():
+            return np.zeros((0, 2))
+        cells = ground.occupied_in(polygon.min(axis=0), polygon.max(axis=0)).astype(np.float64) + 0.5
         apart = _apart(cells, one, other)
         while len(cells):
             k = int(np.argmin(np.hypot(*apart.T)))
@@ -202,9 +202,9 @@ def _dilated(ground: OccupancyMap, radius: float, rows_at_once: int = 512) -> Ma
     """Cells whose centre is nearer to an occupied cell than a radius, m."""
     reach = radius / ground.resolution
     rows, columns = ground.occupied.shape
-    up = int(reach + 0.5)
+    up = min(int(reach + 0.5), max(rows, columns))
     away = np.maximum(np.abs(np.arange(-up, up + 1)) - 0.5, 0.0)
-    half = [int(sqrt(max(reach**2 - a * a, 0.0)) + 0.5 - 1e-9) if a < reach else -1 for a in away.tolist()]
+    half = [min(int(sqrt(max(reach**2 - a * a, 0.0)) + 0.5 - 1e-9), up) if a < reach else -1 for a in away.tolist()]
     found = np.zeros((rows, columns), dtype=bool)
     for first in range(0, rows, rows_at_once):
         last = min(first + rows_at_once, rows)
@@ -329,8 +329,9 @@ def _beside(free: Mask, line: Array, reach: float) -> Mask:
     """Free cells in blocks along a polyline and in those beside these, each as wide as a reach, cells."""
     from scipy.ndimage import binary_dilation
 
-    side = max(1, round(reach))
+    side = max(1, min(round(reach), max(free.shape)))
     blocks = np.zeros(tuple(count // side + 1 for count in free.shape), dtype=bool)
+    line = np.clip(line, 0.0, free.shape[::-1])
     for one, other in pairwise(line):
         count = ceil(2.0 * hypot(*(other - one)) / side) + 1
         at = (one + np.linspace(0.0, 1.0, count)[:, None] * (other - one)) / side
@@ -379,6 +380,7 @@ def straightened(line: Array, off: float) -> Array:
 
 def _sees(one: Array, other: Array, free: Mask) -> bool:
     """True if a leg lies in free cells; its ends may lie beside them by less than one."""
+    one, other = np.clip([one, other], 0.0, free.shape[::-1])
     count = int(2.0 * np.abs(other - one).max()) + 2
     places = one + np.linspace(0.0, 1.0, count + 1)[1:-1, None] * (other - one)
     cells = np.clip(np.floor(places).astype(np.intp), 0, np.array(free.shape[::-1]) - 1)

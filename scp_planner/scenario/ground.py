@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
 from scp_planner.errors import Fault, ScenarioError
+from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.occupancy import OccupancyMap
 from scp_planner.scenario.map_files import GEOJSON, load_map, read_polygons
@@ -19,6 +20,9 @@ from scp_planner.scenario.validation import Part, TakenAs, by_default, faults_of
 def _map(value: Any) -> OccupancyMap:
     if not isinstance(value, OccupancyMap):
         raise wrong("must be the name of a file, or an OccupancyMap")
+    farthest = max(map(abs, value.origin)) + value.resolution * sum(value.occupied.shape)
+    if not 1.0 / LARGEST_COORDINATE <= value.resolution <= farthest <= LARGEST_COORDINATE:
+        raise wrong(f"must reach no farther than {LARGEST_COORDINATE:g} m, with cells of {1 / LARGEST_COORDINATE:g} m")
     return value
 
 

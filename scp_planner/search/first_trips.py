@@ -113,7 +113,7 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
         np.concatenate([speeds, -speeds, jerk, -jerk]),
         np.concatenate(
             [
-                np.full(len(speeds), limits.speed - space.start_speed),
+                problem.highest_speeds(limits.speed, tau) - space.start_speed,
                 np.full(len(speeds), space.start_speed),
                 np.full(2 * len(jerk), most or 0.0),
             ]

@@ -183,7 +183,12 @@ class Trajectory:
         driven: Array = evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma
         return driven
 
-    @property
+    @cached_property
+    def top_speed(self) -> float:
+        """Bound of the speed at all times, m/s."""
+        return float(self.speed_control_points().max())
+
+    @cached_property
     def driven_length(self) -> float:
         """Distance that is driven in all, m: less than the path is long if the trip stops on its way."""
         return float(self.distance_at(np.ones(1))[0])

@@ -41,6 +41,22 @@ def test_goal_with_room_behind_it_is_passed_at_full_speed() -> None:
     assert plan.certified and plan.arrival_time == pytest.approx(2.0, rel=0.01)
 
 
+def test_edge_that_comes_behind_the_goal_slows_a_plan_that_was_kept_down() -> None:
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 2.0}
+    beside = [[0.0, 5.0], [9.0, 5.0], [9.0, 6.0], [0.0, 6.0]]
+    scenario = sp.Scenario(vehicle=VEHICLE, start=start, goal={"position": [6.0, 0.0]}, walls=[beside])
+    planner = sp.Planner(scenario, online=ONLINE)
+    planner.replan(0.0, [0.0, 0.0], 0.0, 2.0)
+    kept = [follow(planner, float(t)) for t in (0.1, 0.2, 0.3)]
+    assert all(plan.certified and plan.trip == kept[0].trip for plan in kept)
+    assert np.hypot(*kept[0].velocity(kept[0].arrival_time)) > 2.9
+    planner.set_walls([beside, [[6.8, -2.0], [8.0, -2.0], [8.0, 2.0], [6.8, 2.0]]])
+    later = [follow(planner, float(t)) for t in np.arange(4, 15) / 10.0]
+    assert all(plan.safe for plan in later)
+    ends = [np.hypot(*plan.velocity(plan.arrival_time)) for plan in later if plan.certified]
+    assert ends and max(ends) <= math.sqrt(2.0 * 2.0 * 0.5) + 1e-6
+
+
 def test_radius_crossed_between_two_replans_is_an_arrival() -> None:
     """The plan ends between two replans: there is no target within the radius at either of them."""
     rate = 2.5 * np.array([math.cos(math.pi / 4.0), math.sin(math.pi / 4.0)])
