@@ -20,7 +20,11 @@ from scp_planner.planning.sources.meeting_times import MeetingTimes
 from scp_planner.planning.sources.orders import Orders
 from scp_planner.planning.sources.routes import RoutesOverMap
 from scp_planner.planning.task import Request, Skeleton, check_scenario
+from scp_planner.scenario.checks import same_place
+from scp_planner.scenario.goal_checks import goal_is_elsewhere
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.tolerances import SAME_PLACE
+from scp_planner.scenario.units import changed
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.zone import ThreatZone
