@@ -1,4 +1,4 @@
-"""Functions that draw and export scenarios, plans and runs, by name."""
+"""Functions that read, draw and export scenarios, plans and runs, by name."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OUTPUTS = {
+    "plan read": "scp_planner.planning.plan_file:read_plan",
     "plan table": "scp_planner.export.tables:plan_table",
     "plan export": "scp_planner.export.files:export_plan",
     "plan plot": "scp_planner.plotting.views:plot_view",

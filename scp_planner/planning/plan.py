@@ -407,9 +407,8 @@ class Plan:
         PlanError
             Naming the key and the value.
         """
-        from scp_planner.planning.plan_file import read_plan
-
-        return read_plan(cls, data, name)
+        made: Self = output_named("plan read")(cls, data, name)
+        return made
 
     def verified(
         self,

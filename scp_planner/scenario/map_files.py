@@ -37,8 +37,8 @@ class MapKeys(Part):
     model_config = ConfigDict(extra="ignore")
 
     image: Text = Field(description="name of a PGM or PNG file")
-    resolution: Annotated[Number, Field(gt=0)] = Field(description="m")
-    origin: tuple[Number, Number, Number] = Field(description="[x, y, yaw], m and rad")
+    resolution: Annotated[Number, Field(gt=0)] = Field(description="edge of a cell")
+    origin: tuple[Number, Number, Number] = Field(description="[x, y, yaw] of the corner")
     occupied_thresh: Share = 0.65
     free_thresh: Share = 0.25
     mode: Literal["trinary", "scale", "raw"] = "trinary"
