@@ -120,7 +120,8 @@ class Gears(Source[Skeleton, Plan]):
                     )
                 if self.search.cutoff <= (1.0 + GEARS.worth) * plans.least:
                     break
-            if self.search.certified or not manoeuvres:
+            # Other kinds are worth a search while a good part of the budget is left
+            if self.search.certified or not manoeuvres or plans.budget.steps <= GEARS.plans // 4:
                 return
             kinds += [each.kind for each in manoeuvres]
 
