@@ -33,17 +33,17 @@ def plan_trip(request: Request, skeleton: Skeleton) -> Plan | None:
     """Plan the fastest trip of a scene, or the best attempt with the reason; None if it cannot beat a known time."""
     began, scenario = perf_counter(), skeleton.scenario
     try:
-        made = _planned(request, skeleton)
+        made = _search_trip(request, skeleton)
     except OutOfTimeError as error:  # before all obstacles were ready: without them no trip is known to be safe
         alone = changed(scenario, obstacles=(), walls=())
         at_once = replace(request, budget=Budget.within(0.0), threat_zones=None, known=inf)
-        found = _planned(at_once, Skeleton(alone))
+        found = _search_trip(at_once, Skeleton(alone))
         assert found is not None, "without a known time there is a trip"
         made = replace(found, status=PlanStatus.INFEASIBLE, reason=str(error), clearance=Clearance(-np.inf))
     return made and replace(made, planned=scenario, wall_time=perf_counter() - began)
 
 
-def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
+def _search_trip(request: Request, skeleton: Skeleton) -> Plan | None:
     """Search for a trip, in units of the straight line, or of the route that is driven if that is far longer."""
     scenario, line = skeleton.scenario, skeleton.line
     units = NaturalUnits.of(scenario, None if line is None else float(np.hypot(*np.diff(line, axis=0).T).sum()))
@@ -60,7 +60,7 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
     if known is not None:
         if known.best is None:
             return None
-        return _told(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
+        return _as_plan(skeleton, known.lower_bound, on_a_step(task, inside, known.best), units)
     runs, routes, first = prepare(task)
     if first is not None:
         # The scene's units are those of the trip, which is longer than the straight line to the goal
@@ -74,7 +74,7 @@ def _planned(request: Request, skeleton: Skeleton) -> Plan | None:
     search = fastest_trip(runs, routes, first, request.known / units.time)
     if search.best is None:
         return None
-    made = _told(skeleton, search.lower_bound, on_a_step(task, inside, search.best), units)
+    made = _as_plan(skeleton, search.lower_bound, on_a_step(task, inside, search.best), units)
     if made.reason is None or routes is None:
         return made
     return replace(made, reason=made.reason + routes.told(scenario, units))
@@ -88,11 +88,11 @@ def _to_meet(request: Request, skeleton: Skeleton, units: NaturalUnits, inside: 
         units = NaturalUnits.of(skeleton.scenario, length * units.length)
         inside, task = request.task(skeleton.scenario, units, task.log)
         target, least = TargetMotion.met(inside, inside.goal), kinematic_bound(inside)
-    return _told(skeleton, least, MeetingSearch(task, inside, target, least, fastest_of).run(), units)
+    return _as_plan(skeleton, least, MeetingSearch(task, inside, target, least, fastest_of).run(), units)
 
 
-def _told(skeleton: Skeleton, lower_bound: float, best: ScpRun, units: NaturalUnits) -> Plan:
-    """The best run as a plan in the user's units, with the reason if it is none to be driven."""
+def _as_plan(skeleton: Skeleton, lower_bound: float, best: ScpRun, units: NaturalUnits) -> Plan:
+    """Return the plan of a run in the user's units; with a reason, unless it is certified."""
     scenario, runs, log = skeleton.scenario, best.runs, best.runs.task.log
     trip, found = runs.trip(best.trajectory).outside(units), best.verdict.outside(units)
     status = _status(best.run, best.verdict, lower_bound)
@@ -118,7 +118,7 @@ def _told(skeleton: Skeleton, lower_bound: float, best: ScpRun, units: NaturalUn
 
 
 def _reason(scenario: Scenario, best: ScpRun, made: Plan, units: NaturalUnits, lower_bound: float) -> str:
-    """Why there is no certified plan; with a proof, where there is time for one and a trip is hardly to be had."""
+    """Explain why no plan is certified; with a proof that there is no trip, if there is time for one."""
     if lower_bound == np.inf:
         return GETS_AWAY
     task = best.runs.task

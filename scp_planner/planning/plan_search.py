@@ -184,8 +184,8 @@ class PlanSearch(Search[Skeleton, Plan]):
         self.scenario, self.request, self._plan_one, self._only = scenario, request, plan_one, only
         self.map = RoutesOverMap(self)
         built_in: list[Source[Skeleton, Plan]] = [
-            MeetingTimes(self, self.plan_one, self._solved),
-            Orders(self, self._solved, request.settings),
+            MeetingTimes(self, self.plan_one, self._solve),
+            Orders(self, self._solve, request.settings),
             self.map,
             Gears(self, self.plan_one, request.threat_zones),
         ]
@@ -195,7 +195,7 @@ class PlanSearch(Search[Skeleton, Plan]):
         """Return the fastest certified plan, or the best attempt."""
         best = self.explore(skeleton)
         if best is None:
-            best = self._judged(self.plan_one(Skeleton(self.scenario), Budget.within(0.0), False))
+            best = self._certify(self.plan_one(Skeleton(self.scenario), Budget.within(0.0), False))
         log = self.log
         made = replace(
             best, planned=self.scenario, iterations=log.iterations, timings=log.timings, tried=(*log.skeletons,)
@@ -206,11 +206,11 @@ class PlanSearch(Search[Skeleton, Plan]):
 
     def plan_one(self, skeleton: Skeleton, budget: Budget, thorough: bool) -> Plan:
         """Plan one trip of a skeleton, and log its work."""
-        made = self._beating(inf, skeleton, budget, thorough)
+        made = self._plan_faster(inf, skeleton, budget, thorough)
         assert made is not None, "without a known time there is a trip"
         return made
 
-    def _beating(self, known: float, skeleton: Skeleton, budget: Budget, thorough: bool) -> Plan | None:
+    def _plan_faster(self, known: float, skeleton: Skeleton, budget: Budget, thorough: bool) -> Plan | None:
         """Plan one trip of a skeleton that takes less than a known time, s, and log its work."""
         request = replace(self.request, budget=budget, thorough=self.request.thorough and thorough, known=known)
         made = self._plan_one(request, skeleton)
@@ -218,7 +218,7 @@ class PlanSearch(Search[Skeleton, Plan]):
             self.log.add(made.timings, made.iterations, made.tried)
         return made
 
-    def _solved(self, skeleton: Skeleton, budget: Budget) -> Plan:
+    def _solve(self, skeleton: Skeleton, budget: Budget) -> Plan:
         """Plan a skeleton by all sources, within a part of the budget."""
         return PlanSearch(skeleton.scenario, replace(self.request, budget=budget), only=self._only).run(skeleton)
 
@@ -247,12 +247,12 @@ class PlanSearch(Search[Skeleton, Plan]):
             else:
                 # A line over a map is only about the route of its trip: what begins slower may end faster
                 known = self.cutoff if skeleton.line is None else inf
-                made = self._beating(known, skeleton, budget, True)
+                made = self._plan_faster(known, skeleton, budget, True)
         except OutOfTimeError:
             return None
-        return made if made is None or skeleton.exact else self._judged(made)
+        return made if made is None or skeleton.exact else self._certify(made)
 
-    def _judged(self, made: Plan) -> Plan:
+    def _certify(self, made: Plan) -> Plan:
         """Certify a plan for the scenario that was asked for."""
         with self.log.timed("certificate"):
             checked = certify(self.scenario, made, self.request.threat_zones, deadline=self.budget.last_check)

@@ -266,7 +266,7 @@ class ManoeuvreSearch:
     def run(self, known: float = inf, without: Collection[tuple[int, ...]] = ()) -> list[Manoeuvre]:
         """Find the fastest manoeuvre of each kind but for some, the fastest first, if a known time is not faster.
 
-        Where none is found in time, once more towards the goal, with a bound that is no bound any more.
+        If the first search finds none in time, search again with an inflated estimate: faster, but not optimal.
         """
         if self._ground.left(self.first[None])[0] == inf:  # round what stands no way leads there
             return []
